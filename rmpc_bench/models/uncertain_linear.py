@@ -175,7 +175,7 @@ def _without_uncertainty(now: LinearModel) -> DesignSystem:
 #
 # Model   x(k+1) = A_k x(k) + B_k u(k) + f0_k + G_k w(k),  y(k) = C_k x(k) + d0_k + v(k);  w without its mean, with the
 #         covariance W_k = W_root W_root'.
-# Noise   An `UncertainModel` has G = Bw and its own w; any other model has G = I, and w has a coordinate for every state.
+# Noise   An `UncertainModel` has G = Bw and its own w; any other model has G = I, and w has a coordinate per state.
 
 
 class ModelSeries(NamedTuple):

@@ -15,7 +15,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -49,13 +49,6 @@ class RandomBursts:
     factor: Range
 
 
-class Window(NamedTuple):
-    """Samples first..last that contain a random burst."""
-
-    first: int
-    last: int
-
-
 @dataclass(frozen=True)
 class FixedBursts:
     """The same bursts in every run."""
@@ -76,7 +69,8 @@ class FixedBursts:
 class DrawnBursts:
     """One burst in each window, all of one factor."""
 
-    windows: tuple[Window, ...]
+    windows: tuple[tuple[int, int], ...]
+    """First and last sample of each."""
     duration: Uniform
     """Samples from the first to the last one."""
     factor: Uniform
@@ -192,27 +186,19 @@ def child_of(rng: np.random.Generator, number: int) -> np.random.Generator:
 
 def with_bursts(steady: Steady, bursts: list[Burst] | RandomBursts | None, Ts: float) -> Steady | BurstyNoise:
     """Return a noise with bursts as configured [s]; without any it is the noise itself, with its moments."""
-    return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
-
-
-def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:
-    """Put bursts, as configured [s], on the samples.
-
-    Raises a DesignError if a burst ends before it begins or contains no sample, or a window is shorter than its longest
-    possible burst.
-    """
-    if isinstance(bursts, RandomBursts):
-        return _drawn(bursts, Ts)
-    return FixedBursts(spans_of(bursts, Ts))
+    if not bursts:
+        return steady
+    placed = _drawn(bursts, Ts) if isinstance(bursts, RandomBursts) else FixedBursts(spans_of(bursts, Ts))
+    return BurstyNoise(steady, placed)
 
 
 def _drawn(bursts: RandomBursts, Ts: float) -> DrawnBursts:
     if not bursts.within:
         raise DesignError("contains no window; leave bursts out if there are none", "bursts.within")
     duration, factor = (_uniform(name, getattr(bursts, name)) for name in ("duration", "factor"))
-    windows = tuple(Window(*samples_of(start, end, Ts)) for start, end in bursts.within)
-    for number, ((start, end), window) in enumerate(zip(bursts.within, windows, strict=True)):
-        if end < start or window.last - window.first < round(duration.high / Ts):
+    windows = tuple(samples_of(start, end, Ts) for start, end in bursts.within)
+    for number, ((start, end), (first, last)) in enumerate(zip(bursts.within, windows, strict=True)):
+        if end < start or last - first < round(duration.high / Ts):
             raise DesignError(
                 f"from {start:g} to {end:g} there is no room for a burst of {duration.high:g}; "
                 "widen the window or shorten the duration",
