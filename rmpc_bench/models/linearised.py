@@ -61,20 +61,16 @@ class TrajectoryModel(OfPlant, StateDependentModel):
     def around(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Affine:
         """Linearise at a state and an input of every run; NaN where the plant is not defined."""
         t = (k + (0.5 if self.dynamics.continuous else 0.0)) * self.Ts
-        made = [self._around(t, each, applied) for each, applied in zip(x, u, strict=True)]
-        return Affine(*(np.array(parts) for parts in zip(*made, strict=True)))
-
-    def _around(
-        self, t: float, x: Float[Array, " nx"], u: Float[Array, " nu"]
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        tangent, y = self.dynamics.slopes(x, u, t), self.dynamics.output(x, u)
-        rest = self.dynamics.rest(x, u, t)
-        if not all(np.isfinite(part).all() for part in (*tangent, y, rest)):
-            n, m, q = len(x), len(u), len(y)
-            shapes = ((n, n), (n, m), (n,), (q, n), (q,))
-            return tuple(np.full(shape, np.nan) for shape in shapes)  # type: ignore[return-value]
-        A, B, drift = sampled(self.dynamics, tangent, rest, self.Ts)
-        return A, B, x + drift - A @ x - B @ u, tangent.C, y - tangent.C @ x
+        (runs, n), m, q = x.shape, u.shape[1], self.ny
+        found = Affine(*(np.full((runs, *shape), np.nan) for shape in ((n, n), (n, m), (n,), (q, n), (q,))))
+        for i, (at, applied) in enumerate(zip(x, u, strict=True)):
+            tangent, y = self.dynamics.slopes(at, applied, t), self.dynamics.output(at, applied)
+            rest = self.dynamics.rest(at, applied, t)
+            if all(np.isfinite(part).all() for part in (*tangent, y, rest)):
+                A, B, drift = sampled(self.dynamics, tangent, rest, self.Ts)
+                found.A[i], found.B[i], found.f[i] = A, B, at + drift - A @ at - B @ applied
+                found.C[i], found.d[i] = tangent.C, y - tangent.C @ at
+        return found
 
     def advance(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Float[Array, "runs nx"]:
         """Integrate every run over a sample; NaN where the plant is not defined."""
