@@ -60,25 +60,16 @@ def spectrum(GPG: Float[Array, "s s"]) -> tuple[Float[Array, " s"], Float[Array,
 
 def widen(GPG: Float[Array, "s s"], excess: Excess) -> Widening:
     """Choose a for G P G' and invert a I - G P G'; a ZeroDivisionError if the excess is 0 but has an effect."""
-    if len(GPG) == 1:
-        largest = max(GPG.item(), 0.0)
-        t = excess.over(largest)
-        if t > 0.0:
-            return Widening(largest + t, np.array([[t]]), np.array([[1.0 / t]]))
-        return _seeing_nothing(largest, 1)
     lam, U = spectrum(GPG)
     largest = float(lam[-1])
     t = excess.over(largest)
-    if not t > 0.0:
-        return _seeing_nothing(largest, len(lam))
-    gaps = (largest - lam) + t
-    return Widening(largest + t, (U * gaps).dot(U.T), (U / gaps).dot(U.T))
-
-
-def _seeing_nothing(largest: float, s: int) -> Widening:
+    if t > 0.0:
+        gaps = (largest - lam) + t
+        return Widening(largest + t, (U * gaps).dot(U.T), (U / gaps).dot(U.T))
     if largest > 0.0:
         raise ZeroDivisionError("a must exceed the largest eigenvalue of G P G'")
-    return Widening(0.0, np.zeros((s, s)), np.zeros((s, s)))
+    nothing = np.zeros((len(lam), len(lam)))
+    return Widening(0.0, nothing, nothing)
 
 
 def keep_a(old: Widening, difference: Float[Array, "s s"]) -> Widening | None:
