@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import groupby, product
 from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import (
@@ -305,13 +305,8 @@ def _fitting(groups: Sequence[_Group], room: int) -> str:
 
 def ranges(points: Sequence[str], chosen: Sequence[bool]) -> str:
     """Say at which points something holds, such as ``at 0 and from 0.3``; of three ranges or more count the points."""
-    found: list[tuple[int, int]] = []
-    for k, yes in enumerate(chosen):
-        if yes and found and found[-1][1] == k - 1:
-            found[-1] = (found[-1][0], k)
-        elif yes:
-            found.append((k, k))
-    last = len(points) - 1
+    parts = ([k for k, _ in part] for yes, part in groupby(enumerate(chosen), lambda each: each[1]) if yes)
+    found, last = [(part[0], part[-1]) for part in parts], len(points) - 1
     if len(found) > MOST_RANGES:
         return f"at {sum(chosen)} of {len(points)} points"
     words = []

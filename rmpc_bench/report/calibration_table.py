@@ -19,9 +19,9 @@ from rmpc_bench.report.point_tables import (
     FrameTable,
     columns_from,
     markdown_page,
-    markdown_table,
     rounded_columns,
     stacked_points,
+    titled_tables,
 )
 from rmpc_bench.types.texts import cut, width_of
 
@@ -97,10 +97,7 @@ class CalibrationTable(FrameTable):
 
     def to_markdown(self) -> str:
         """Return a table per point; empty where nothing is asked for."""
-        parts = []
-        for trials, rows in self.points:
-            parts += [f"# {trials.title}"] if trials.title else []
-            parts.append(markdown_table(self.columns(trials, rows)))
+        parts = titled_tables(self.points, self.columns)
         return markdown_page([*parts, self.note] if parts else [])
 
     __str__ = to_markdown

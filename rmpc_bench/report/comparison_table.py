@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -143,16 +143,6 @@ def _check_ranges(relevant: float | None, confidence: float | None) -> None:
         raise DesignError(f"relevant must be at least 0 and below 1 (got {relevant:g})", "relevant")
 
 
-_NOUNS = {"metric": "metric", "baseline": "method", "methods": "method"}
-
-
-def _check_names(given: Sequence[tuple[str, str]], known: Collection[str]) -> None:
-    """Refuse the first name, with its argument, that is not known."""
-    for argument, name in given:
-        if name not in known:
-            raise DesignError(f"{argument}: {unknown(name, known, _NOUNS[argument])}", argument)
-
-
 def comparison_table(
     trials: Trials,
     *,
@@ -166,8 +156,11 @@ def comparison_table(
     _check_ranges(relevant, confidence)
     infos = {info.name: info for info in trials.metrics}
     chosen = trials.baseline if baseline is None else baseline
-    _check_names([] if metric is None else [("metric", metric)], infos)
-    _check_names([("baseline", chosen), *(("methods", name) for name in methods or ())], trials.methods)
+    if metric is not None and metric not in infos:
+        raise DesignError(f"metric: {unknown(metric, infos, 'metric')}", "metric")
+    for argument, name in (("baseline", chosen), *(("methods", name) for name in methods or ())):
+        if name not in trials.methods:
+            raise DesignError(f"{argument}: {unknown(name, trials.methods, 'method')}", argument)
     shown = trials.methods if methods is None else (chosen, *(name for name in methods if name != chosen))
     points = [
         replace(

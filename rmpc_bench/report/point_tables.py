@@ -79,6 +79,14 @@ def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
     return "\n".join([texts[0], "|" + " --- |" * len(columns), *texts[1:]])
 
 
+def titled_tables(
+    points: Sequence[tuple[Trials, Rows]], columns: Callable[[Trials, Rows], Mapping[str, list[str]]]
+) -> list[str]:
+    """Return the title and the table in Markdown of every point that has rows."""
+    found = [(trials.title, markdown_table(columns(trials, rows))) for trials, rows in points if rows]
+    return [text for title, table in found for text in ([f"# {title}", table] if title else [table])]
+
+
 def _cell(text: str) -> str:
     text = text.replace("\n", " ")
     if not _CODE.fullmatch(text):

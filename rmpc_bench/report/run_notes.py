@@ -100,19 +100,17 @@ def failure_files(
     trials: Trials, directory: object, quantities: Columns, versions: Mapping[str, str]
 ) -> dict[str, str]:
     """Return name -> text of the files on the first failed runs of every method; `versions` are those that computed."""
-    files: dict[str, str] = {}
-    for table in trials.each:
-        counts = Counter[str]()
-        for method, run in failed_runs(table):
-            counts[method] += 1
-            if counts[method] <= MOST_FILES:
-                at = {**table.point, "run": run}
-                (rows,) = np.nonzero(np.all([quantities[name] == value for name, value in at.items()], axis=0))
-                names = [name for name in quantities if name not in at]
-                values = {name: float(quantities[name][rows[0]]) for name in names} if len(rows) else {}
-                point = f"{_word(table.title)}-" if table.title else ""
-                text = _failure_text(table, directory, method, run, values, versions)
-                files[f"{point}{_word(method)}-{run}.txt"] = text
+    files, counts = dict[str, str](), Counter[tuple[str, str]]()
+    for table, method, run in failed_runs(trials):
+        counts[table.title, method] += 1
+        if counts[table.title, method] <= MOST_FILES:
+            at = {**table.point, "run": run}
+            (rows,) = np.nonzero(np.all([quantities[name] == value for name, value in at.items()], axis=0))
+            names = [name for name in quantities if name not in at]
+            values = {name: float(quantities[name][rows[0]]) for name in names} if len(rows) else {}
+            point = f"{_word(table.title)}-" if table.title else ""
+            text = _failure_text(table, directory, method, run, values, versions)
+            files[f"{point}{_word(method)}-{run}.txt"] = text
     return files
 
 
@@ -126,10 +124,14 @@ def show_command(trials: Trials, directory: object, method: str, run: int) -> st
     return shlex.join(command)
 
 
-def failed_runs(trials: Trials) -> list[tuple[str, int]]:
-    """Return method and run of every failed trial of one point."""
-    rows = rows_at(trials.columns, trials.columns["status"] != Status.OK.word)
-    return [*zip(rows["method"].tolist(), rows["run"].tolist(), strict=True)]
+def failed_runs(trials: Trials) -> list[tuple[Trials, str, int]]:
+    """Return point, method and run of every failed trial."""
+    failed = [(table, rows_at(table.columns, table.columns["status"] != Status.OK.word)) for table in trials.each]
+    return [
+        (table, method, run)
+        for table, rows in failed
+        for method, run in zip(rows["method"].tolist(), rows["run"].tolist(), strict=True)
+    ]
 
 
 def crashed_runs(trials: Trials) -> dict[str, tuple[list[int], int, str]]:

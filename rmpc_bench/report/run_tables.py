@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from rmpc_bench.report.point_tables import (
     markdown_table,
     rounded_columns,
     stacked_points,
+    titled_tables,
 )
 from rmpc_bench.report.run_notes import counted, show_command
 from rmpc_bench.types import Array, MetricInfo
@@ -168,14 +169,6 @@ DRIVERS_NOTE = (
 )
 
 
-def _parts(
-    points: Sequence[tuple[Trials, Rows]], columns: Callable[[Trials, Rows], Mapping[str, list[str]]]
-) -> list[str]:
-    """Return the title and the table in Markdown of every point that has rows."""
-    found = [(trials.title, markdown_table(columns(trials, rows))) for trials, rows in points if rows]
-    return [text for title, table in found for text in ([f"# {title}", table] if title else [table])]
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class DriversTable(FrameTable):
     """Drivers of the primary metric."""
@@ -189,7 +182,7 @@ class DriversTable(FrameTable):
 
     def to_markdown(self) -> str:
         """Return a table for every point; empty where nothing is uncertain."""
-        parts = _parts(self.points[:MOST_POINTS], _columns)
+        parts = titled_tables(self.points[:MOST_POINTS], _columns)
         left = sum(len(rows) > 0 for _, rows in self.points[MOST_POINTS:])
         parts += [f"{counted(left, 'more point')} of the sweep: drivers.csv"] if left else []
         correlated = correlated_text([trials for trials, _ in self.points])
@@ -297,7 +290,7 @@ class RequirementsTable(FrameTable):
 
     def to_markdown(self) -> str:
         """Return a table per point; empty without requirements."""
-        parts = _parts(self.points, requirement_columns)
+        parts = titled_tables(self.points, requirement_columns)
         return markdown_page([*parts, REQUIREMENTS_NOTE] if parts else [])
 
     def __str__(self) -> str:

@@ -208,7 +208,7 @@ class Screen(Evaluation):
 
     def _failed(self, width: int) -> list[str]:
         """Say which method fails most, why, and how its first failed run is computed again."""
-        found = [(table, method, run) for table in self.trials.each for method, run in failed_runs(table)]
+        found = failed_runs(self.trials)
         if not found:
             return []
         counts = Counter(method for _, method, _ in found)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from rmpc_bench.analysis.columns import n_rows
+from rmpc_bench.analysis.columns import Rows, n_rows
 from rmpc_bench.analysis.drivers import FAILED, REST, per_cent
 from rmpc_bench.analysis.drivers import gist as drivers_gist
 from rmpc_bench.analysis.pairs import distance_from_best
@@ -20,11 +20,13 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import is_tuned, parameter_groups, parameter_text
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.labels import quantity, short_title
+from rmpc_bench.report.calibration_table import CALIBRATION
 from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, matrices_of
 from rmpc_bench.report.point_tables import columns_from, texts_of
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
 from rmpc_bench.report.run_tables import (
+    REQUIREMENTS,
     REQUIREMENTS_NOTE,
     correlated_text,
     ensemble_rows,
@@ -141,7 +143,7 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
 def _failures(source: PageSource) -> Fold:
     """Say which runs failed and why, with the command that computes the first one again; held and failed steps."""
     parts, trials = list[Part](), source.trials
-    failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
+    failed = failed_runs(trials)
     sections = [sections_of(table) for table in trials.each]
     lines = [
         f"{f'{short_title(table)}: ' if table.title else ''}{text}"
@@ -170,15 +172,23 @@ def _failures(source: PageSource) -> Fold:
 
 def _calibration(source: PageSource) -> Fold | None:
     """Compare the reported covariances with the errors."""
-    table, parts = source.calibration, list[Part]()
+    table = source.calibration
     if not source.trials.with_verdicts:
         return None
-    for trials, rows in table.points[:MOST_POINTS]:
-        parts += [Part(text=f"{short_title(trials)}:")] if trials.title and rows else []
-        parts += [Part(table=Table(table.columns(trials, rows, plain=True), by_method=True))] if rows else []
-    left = len(table.points) - MOST_POINTS
-    parts += [Part(note=f"{left} more points are in calibration.csv.")] if parts and left > 0 else []
+    parts = _by_point(table.points, table.columns, CALIBRATION, by_method=True)
     return Fold("Calibration", table.gist, [*parts, Part(note=table.note)] if parts else [])
+
+
+def _by_point(
+    points: Sequence[tuple[Trials, Rows]], columns: Callable[..., dict[str, list[str]]], file: str, **how: bool
+) -> list[Part]:
+    """Show the table of every point that has rows; of many points the first ones."""
+    shown, parts = [(trials, rows) for trials, rows in points if rows], list[Part]()
+    for trials, rows in shown[:MOST_POINTS]:
+        parts += [Part(text=f"{short_title(trials)}:")] if trials.title else []
+        parts.append(Part(table=Table(columns(trials, rows, plain=True), **how)))
+    left = len(shown) - MOST_POINTS
+    return parts + ([Part(note=f"{left} more points are in {file}.csv.")] if left > 0 else [])
 
 
 def _two_way(source: PageSource) -> Fold:
@@ -298,15 +308,10 @@ def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
 def _requirements(source: PageSource) -> Fold | None:
     if not source.trials.with_verdicts:
         return None
-    parts = list[Part]()
-    points = [(trials, rows) for trials, rows in source.requirements.points if rows]
-    for trials, rows in points[:MOST_POINTS]:
-        parts += [Part(text=f"{short_title(trials)}:")] if trials.title else []
-        parts.append(Part(table=Table(requirement_columns(trials, rows, plain=True))))
-    left = len(points) - MOST_POINTS
-    parts += [Part(note=f"{left} more points are in requirements.csv.")] if left > 0 else []
+    parts = _by_point(source.requirements.points, requirement_columns, REQUIREMENTS)
     parts += [Part(note=REQUIREMENTS_NOTE)] if parts else []
-    gist = source.requirements.gist.partition(": tables/")[0] if len(points) == 1 else f"at {len(points)} points"
+    n = sum(bool(rows) for _, rows in source.requirements.points)
+    gist = source.requirements.gist.partition(": tables/")[0] if n == 1 else f"at {n} points"
     return Fold("Requirements", gist, parts)
 
 

@@ -11,7 +11,7 @@ from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from hashlib import sha256
-from html import escape
+from html import escape, unescape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,9 +111,7 @@ def _code(text: str) -> str:
 
 _LETTERS = "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho"
 _LETTERS += " sigma tau upsilon phi chi psi omega"
-# The final sigma stands between rho and sigma.
-GREEK = {name: chr(0x3B1 + k + (k > 16)) for k, name in enumerate(_LETTERS.split())}
-GREEK |= {name.capitalize(): chr(ord(letter) - 0x20) for name, letter in GREEK.items()}
+GREEK = {name: unescape(f"&{name};") for letter in _LETTERS.split() for name in (letter, letter.capitalize())}
 SIGNS = {"varepsilon": "\u03b5", "ell": "\u2113", "infty": "\u221e", "sum": "\u2211", "prime": "\u2032"}
 SIGNS |= {"ldots": "\u2026", "dots": "\u2026", "cdot": "\u22c5", "%": "%", "|": "\u2016", "{": "{", "}": "}"}
 SIGNS |= {name: "" for name in ",;:!"} | {" ": " ", "quad": " "}
