@@ -1,16 +1,14 @@
-"""The comparison of the primary metric while runs are still computed, from sums over the runs that are there.
+"""The comparison of the primary metric while runs are still computed, from the runs that are there.
 
-It needs no table (no pandas) and keeps no value of a run that is paired.  The final comparison, that of
-`rmpc_bench.analysis.comparison`, is computed from the stored trials.  Its intervals are simultaneous for all methods
-and therefore wider.
+The final comparison, that of `rmpc_bench.analysis.comparison`, is computed from the stored trials.  Its intervals are
+simultaneous for all methods and therefore wider.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,10 +19,6 @@ if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.engines.tasks import Done, Task
     from rmpc_bench.store.store import Store
-
-
-_Part: TypeAlias = tuple[int, Array]
-"""Index of the first run, and values of consecutive runs."""
 
 
 class RunningMean(NamedTuple):
@@ -77,23 +71,18 @@ def mean_of(values: Array) -> RunningMean:
 class Compared(NamedTuple):
     """A method against its baseline so far; of an experiment with one method its mean."""
 
-    point: str
-    """The point of the sweep in words; empty without a sweep."""
+    point: str  # the point of the sweep in words; empty without a sweep
     method: str
-    baseline: str
-    """Empty for a mean."""
+    baseline: str  # empty for a mean
     metric: str
-    n: int
-    """Runs that count: those that both methods have finished, for ``wins`` all that both have."""
-    n_failed: int
-    """Runs that are there and in which one of the two has failed."""
+    n: int  # runs that count: those that both methods have finished, for ``wins`` all that both have
+    n_failed: int  # runs that are there and in which one of the two has failed
+    # ``change`` of the geometric mean [%], ``difference`` or ``mean`` in the unit of the metric, or ``wins`` of a
+    # metric without mean: share of the runs in which the method is better [%], ties counting half
     kind: str
-    """``change`` of the geometric mean [%], ``difference`` or ``mean`` in the unit of the metric, or ``wins`` of a
-    metric without mean: share of the runs in which the method is better [%], ties counting half."""
     value: float
-    low: float
+    low: float  # low, high: interval of each comparison by itself; NaN below two runs
     high: float
-    """Interval of each comparison by itself; NaN below two runs."""
     unit: str
 
     @property
@@ -110,10 +99,10 @@ class Compared(NamedTuple):
 
 
 class RunningComparison:
-    """Sums over the pairs of runs of all methods with their baseline, at all points of a sweep.
+    """The runs so far of all methods beside those of their baseline, at all points of a sweep.
 
-    Blocks may come in any order and at any length.  Only values whose partner is not there yet are kept.  `points` has
-    the title of every point, and method -> key of its trials, which points may share.
+    They may come in any order.  `points` has the title of every point, and method -> key of its trials, which points
+    may share.
     """
 
     def __init__(
@@ -121,24 +110,29 @@ class RunningComparison:
     ) -> None:
         self.metric, self._confidence = metric, confidence
         self._pairs: list[_Pair] = []
-        self._of_key: dict[str, list[tuple[_Pair, int]]] = {}
         for title, keys in points:
-            others = [name for name in keys if name != baseline] if baseline in keys else [*keys]
-            for name in others or [baseline]:
-                pair = _Pair(title, name, baseline if name != baseline and baseline in keys else "")
-                self._pairs.append(pair)
-                for side, method in enumerate((pair.method, pair.baseline)):
-                    if method:
-                        self._of_key.setdefault(keys[method], []).append((pair, side))
+            base = baseline if baseline in keys else ""
+            for name in [name for name in keys if name != base] or [base]:
+                against = base if name != base else ""
+                self._pairs.append(_Pair(title, name, against, keys[name], keys.get(against, "")))
+        keys_of = {key for pair in self._pairs for key in (pair.key, pair.baseline_key) if key}
+        self._values: dict[str, Array] = {key: np.empty(0) for key in keys_of}
+        self._there: dict[str, Array] = {key: np.empty(0, dtype=bool) for key in keys_of}
 
-    def add(self, key: str, first: int, values: Array, status: Array) -> None:
-        """Add the primary metric and the status of consecutive runs of a method, whose trials have a key."""
-        known = self._of_key.get(key)
-        if known:
-            values = distance_from_best(np.array(values, dtype=float), self.metric.direction)
-            values[np.asarray(status) != Status.OK] = np.nan
-            for pair, side in known:
-                pair.add(side, first, values, higher=self.metric.direction == "higher")
+    def add(self, key: str, runs: Sequence[int] | Array, values: Array, status: Array) -> None:
+        """Add the primary metric and the status of some runs of a method, whose trials have a key."""
+        places = np.asarray(runs, dtype=np.int64)
+        if key not in self._values or not len(places):
+            return
+        missing = int(places.max()) + 1 - len(self._values[key])
+        if missing > 0:
+            # Twice as much as there is, so that few blocks are copied.
+            missing = max(missing, len(self._values[key]))
+            self._values[key] = np.concatenate([self._values[key], np.full(missing, np.nan)])
+            self._there[key] = np.concatenate([self._there[key], np.zeros(missing, dtype=bool)])
+        values = distance_from_best(np.array(values, dtype=float), self.metric.direction)
+        values[np.asarray(status) != Status.OK] = np.nan
+        self._values[key][places], self._there[key][places] = values, True
 
     def rows(self) -> list[Compared]:
         """Return the comparisons of all methods and points so far."""
@@ -146,7 +140,7 @@ class RunningComparison:
 
     def text(self, most: int = 3) -> str:
         """Say how some methods compare so far, at the first point of a sweep; empty where nothing is known."""
-        first = [row for row in self.rows() if row.point == self._pairs[0].point] if self._pairs else []
+        first = [self._row(pair) for pair in self._pairs if pair.point == self._pairs[0].point]
         texts = [row.text for row in first if row.text]
         if not texts:
             return ""
@@ -155,19 +149,44 @@ class RunningComparison:
         return f"{self.metric.name}{against}: {', '.join(texts[:most])}{more}"
 
     def _row(self, pair: _Pair) -> Compared:
-        kind, unit, sums, scale = "difference", self.metric.unit, pair.differences, 1.0
+        """Compare the runs that both have; a failed run loses against a finished one, and its size is left out."""
+        kind, unit, scale, keys = "difference", self.metric.unit, 1.0, [pair.key, *filter(None, [pair.baseline_key])]
+        n = min(len(self._values[key]) for key in keys)
+        there = np.all([self._there[key][:n] for key in keys], axis=0)
+        known = [self._values[key][:n][there] for key in keys]
+        failed = np.any(np.isnan(known), axis=0)
+        a, b = (each[np.all(np.isfinite(known), axis=0)] for each in (known[0], known[-1]))
         if not pair.baseline:
-            kind = "mean"
-        elif self.metric.may_not_occur or pair.n_infinite:
-            kind, unit, sums, scale = "wins", "%", pair.scores, 100.0
-        elif self.metric.direction != "zero" and not pair.n_not_positive:
-            kind, unit, sums = "change", "%", pair.logs
+            kind, sums = "mean", mean_of(known[0])
+        elif self.metric.may_not_occur or np.isinf(known).any():
+            kind, unit, scale, sums = "wins", "%", 100.0, mean_of(self._scores(*known))
+        elif self.metric.direction != "zero" and (a > 0).all() and (b > 0).all():
+            kind, unit, sums = "change", "%", mean_of(np.log(a) - np.log(b))
+        else:
+            sums = mean_of(a - b)
         ends = [sums.mean if sums.n else math.nan, *sums.interval(self._confidence)]
         if kind == "change":
             ends = [100 * relative_change(end) for end in ends]
         value, low, high = (scale * end for end in ends)
         names = pair.point, pair.method, pair.baseline, self.metric.name
-        return Compared(*names, sums.n, pair.n_failed, kind, value, low, high, unit)
+        return Compared(*names, sums.n, int(failed.sum()), kind, value, low, high, unit)
+
+    def _scores(self, a: Array, b: Array) -> Array:
+        """Return 1 for every run in which the method is better, 0 where it is worse, ties counting half."""
+        failed_a, failed_b = np.isnan(a), np.isnan(b)
+        worse, better = (a < b, a > b) if self.metric.direction == "higher" else (a > b, a < b)
+        won = (better | (failed_b & ~failed_a)).astype(float) - (worse | (failed_a & ~failed_b))
+        return (1 + won) / 2
+
+
+class _Pair(NamedTuple):
+    """A method and its baseline, with the keys of their trials; without a baseline these are empty."""
+
+    point: str
+    method: str
+    baseline: str
+    key: str
+    baseline_key: str
 
 
 def running_comparison(config: ExperimentConfig) -> RunningComparison:
@@ -181,74 +200,21 @@ def add_done(running: RunningComparison, config: ExperimentConfig, done: Done) -
     """Add the runs of a finished task."""
     key = config.points[done.task.point].method_keys[done.task.method]
     place = [info.name for info in config.experiment.metric_infos].index(config.primary)
-    running.add(key, done.task.first, done.block.metrics[place], done.block.status)
+    running.add(key, done.task.runs, done.block.metrics[place], done.block.status)
 
 
 def add_stored(running: RunningComparison, config: ExperimentConfig, store: Store, tasks: Sequence[Task] = ()) -> None:
     """Add the runs that are stored already, without those of `tasks`, which are computed again."""
-    again = {config.points[task.point].method_keys[task.method]: set[int]() for task in tasks}
+    again: dict[str, list[int]] = {}
     for task in tasks:
-        again[config.points[task.point].method_keys[task.method]].update(task.runs)
+        again.setdefault(config.points[task.point].method_keys[task.method], []).extend(task.runs)
     metrics = {key: point.metric_keys[config.primary] for point in config.points for key in point.method_keys.values()}
-    words = {status.word: int(status) for status in Status}
     for key, metric in metrics.items():
-        stored, statuses = store.column(key, config.experiment.n_runs)
-        runs = np.asarray(stored, dtype=np.int64)
-        values = np.asarray(store.values(key, metric, stored), dtype=float)
-        status = np.array([words[str(word)] for word in statuses], dtype=np.int8)
+        runs, status = store.statuses(key, config.experiment.n_runs)
+        values = store.values(key, metric, runs)
         # A run without this metric is computed again.
-        known = (~np.isnan(values) | (status != Status.OK)) & ~np.isin(runs, [*again.get(key, ())])
-        runs, values, status = runs[known], values[known], status[known]
-        ends = [0, *(np.flatnonzero(np.diff(runs) != 1) + 1), len(runs)]
-        for low, high in pairwise(ends):
-            if low < high:
-                running.add(key, int(runs[low]), values[low:high], status[low:high])
-
-
-class _Pair:
-    """A method and its baseline: sums of the runs that both have, and the values that wait for their partner."""
-
-    def __init__(self, point: str, method: str, baseline: str) -> None:
-        self.point, self.method, self.baseline = point, method, baseline
-        self.logs = self.differences = self.scores = RunningMean()
-        self.n_failed = self.n_infinite = self.n_not_positive = 0
-        self._waiting: tuple[list[_Part], list[_Part]] = ([], [])
-
-    def add(self, side: int, first: int, values: Array, *, higher: bool) -> None:
-        """Add values of the method (side 0) or of the baseline (side 1)."""
-        if not self.baseline:
-            self.n_failed += int(np.isnan(values).sum())
-            self.differences = self.differences.joined(mean_of(values))
-            return
-        theirs, left, covered = self._waiting[1 - side], list[_Part](), list[tuple[int, int]]()
-        for start, other in theirs:
-            low, high = max(first, start), min(first + len(values), start + len(other))
-            if low >= high:
-                left.append((start, other))
-                continue
-            pair = values[low - first : high - first], other[low - start : high - start]
-            self._compare(*(pair[::-1] if side else pair), higher=higher)
-            left += [(start, other[: low - start]), (high, other[high - start :])]
-            covered.append((low, high))
-        theirs[:] = [part for part in left if len(part[1])]
-        ends = [first, *(end for span in sorted(covered) for end in span), first + len(values)]
-        gaps = zip(ends[::2], ends[1::2], strict=True)
-        self._waiting[side].extend((low, values[low - first : high - first]) for low, high in gaps if low < high)
-
-    def _compare(self, a: Array, b: Array, *, higher: bool) -> None:
-        """Add pairs; a failed run loses against a finished one, and its size is left out."""
-        failed_a, failed_b = np.isnan(a), np.isnan(b)
-        self.n_failed += int((failed_a | failed_b).sum())
-        worse, better = (a < b, a > b) if higher else (a > b, a < b)
-        won = (better | (failed_b & ~failed_a)).astype(float) - (worse | (failed_a & ~failed_b))
-        self.scores = self.scores.joined(mean_of((1 + won) / 2))
-        finite = np.isfinite(a) & np.isfinite(b)
-        self.n_infinite += int((np.isinf(a) | np.isinf(b)).sum())
-        a, b = a[finite], b[finite]
-        self.differences = self.differences.joined(mean_of(a - b))
-        positive = (a > 0) & (b > 0)
-        self.n_not_positive += int((~positive).sum())
-        self.logs = self.logs.joined(mean_of(np.log(a[positive]) - np.log(b[positive])))
+        known = (~np.isnan(values) | (status != Status.OK)) & ~np.isin(runs, again.get(key, []))
+        running.add(key, runs[known], values[known], status[known])
 
 
 def _digits(low: float, high: float) -> int:

@@ -160,8 +160,8 @@ def test_not_said_if_fast():
 def comparison():
     """Four runs of two methods; one method is 10 % better."""
     running = RunningComparison(MetricInfo("mse", "rad^2", "lower"), [("", {"A": "a", "B": "b"})], "A", 0.95)
-    running.add("a", 0, np.array([1.0, 1.0, 1.0, 1.0]), np.zeros(4))
-    running.add("b", 0, np.array([0.89, 0.9, 0.91, 0.88]), np.zeros(4))
+    running.add("a", range(4), np.array([1.0, 1.0, 1.0, 1.0]), np.zeros(4))
+    running.add("b", range(4), np.array([0.89, 0.9, 0.91, 0.88]), np.zeros(4))
     return running
 
 

@@ -1,4 +1,4 @@
-"""Sums over the pairs of runs, against the comparison of the finished table."""
+"""The comparison of the runs so far, against that of the finished table."""
 
 import json
 
@@ -46,7 +46,7 @@ def filled(values, status, order, *, info=MSE, points=(("", KEYS),)):
     """Add blocks in an order."""
     running = RunningComparison(info, points, "A", 0.95)
     for name, low, high in order:
-        running.add(KEYS[name], low, values[name][low:high], status[name][low:high])
+        running.add(KEYS[name], range(low, high), values[name][low:high], status[name][low:high])
     return running
 
 
@@ -94,7 +94,7 @@ def test_runs_without_partner_wait(rng):
     running = filled(values, status, [("B", 0, 100)])
     assert [row.n for row in running.rows()] == [0, 0]
     assert running.text() == ""
-    running.add(KEYS["A"], 40, values["A"][40:60], np.zeros(20, dtype=np.int8))
+    running.add(KEYS["A"], range(40, 60), values["A"][40:60], np.zeros(20, dtype=np.int8))
     both = status["B"][40:60] == 0
     assert [row.n for row in running.rows()] == [both.sum(), 0]
     assert "B" in running.text() and "C" not in running.text()
@@ -104,8 +104,8 @@ def test_an_event_that_may_not_occur_has_wins(rng):
     """Ties count half; a failed run loses."""
     info = MetricInfo("m", "s", "lower", may_not_occur=True)
     running = RunningComparison(info, [("", {"A": "a", "B": "b"})], "A", 0.95)
-    running.add("a", 0, np.array([1.0, np.inf, np.inf, 2.0]), np.array([0, 0, 0, 9]))
-    running.add("b", 0, np.array([2.0, np.inf, 3.0, 9.0]), np.array([0, 0, 0, 0]))
+    running.add("a", range(4), np.array([1.0, np.inf, np.inf, 2.0]), np.array([0, 0, 0, 9]))
+    running.add("b", range(4), np.array([2.0, np.inf, 3.0, 9.0]), np.array([0, 0, 0, 0]))
     (row,) = running.rows()
     assert (row.kind, row.value, row.n) == ("wins", pytest.approx(100 * (0 + 0.5 + 1 + 1) / 4), 4)
 
@@ -123,7 +123,7 @@ def test_one_method_has_its_mean(rng):
     """Without a comparison the Monte Carlo error is that of the mean."""
     running = RunningComparison(MetricInfo("m", "rad", "lower"), [("", {"A": "a"})], "A", 0.95)
     values = rng.normal(3.0, 1.0, 50)
-    running.add("a", 0, values, np.zeros(50, dtype=np.int8))
+    running.add("a", range(50), values, np.zeros(50, dtype=np.int8))
     (row,) = running.rows()
     assert (row.kind, row.baseline) == ("mean", "")
     assert (row.low, row.high) == pytest.approx(student(values, 0.95))
@@ -134,8 +134,8 @@ def test_values_whose_squares_are_no_numbers():
     """A run that is nearly diverged ends no computation; the interval has no finite end."""
     running = RunningComparison(MetricInfo("m", "", "zero"), [("", {"A": "a", "B": "b"})], "A", 0.95)
     for place, value in enumerate((1e200, 3e200, 2e200)):
-        running.add("a", place, np.zeros(1), np.zeros(1))
-        running.add("b", place, np.array([value]), np.zeros(1))
+        running.add("a", [place], np.zeros(1), np.zeros(1))
+        running.add("b", [place], np.array([value]), np.zeros(1))
     (row,) = running.rows()
     assert (row.n, row.low, row.high) == (3, -np.inf, np.inf) and row.value == pytest.approx(2e200, rel=1e-12)
 
@@ -143,8 +143,8 @@ def test_values_whose_squares_are_no_numbers():
 def test_text_has_the_digits_of_its_error():
     """Two digits of half the interval."""
     running = RunningComparison(MetricInfo("mse", "rad^2", "lower"), [("", {"A": "a", "B": "b"})], "A", 0.95)
-    running.add("a", 0, np.array([1.0, 1.0, 1.0, 1.0]), np.zeros(4))
-    running.add("b", 0, np.array([0.89, 0.9, 0.91, 0.88]), np.zeros(4))
+    running.add("a", range(4), np.array([1.0, 1.0, 1.0, 1.0]), np.zeros(4))
+    running.add("b", range(4), np.array([0.89, 0.9, 0.91, 0.88]), np.zeros(4))
     assert running.text() == "mse vs A: B -10.5 % [-12.5, -8.4]"
 
 
