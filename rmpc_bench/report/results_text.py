@@ -20,9 +20,9 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import pair_text
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.figures.labels import joined
-from rmpc_bench.report.comparison_table import verb_and_size
 from rmpc_bench.report.point_tables import AVERAGES
 from rmpc_bench.report.screen_tables import NAME, fitting
+from rmpc_bench.report.summary import verb_and_size
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
 
@@ -35,7 +35,7 @@ MOST_LINES = 20  # lines of one kind that are shown; the rest is counted
 
 
 class Setting(NamedTuple):
-    """A setting that differs, as text."""
+    """A setting that differs, or a claim whose finding does, as text."""
 
     path: str
     a: str
@@ -43,17 +43,6 @@ class Setting(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.path}: A {self.a}, B {self.b}"
-
-
-class FindingDifference(NamedTuple):
-    """A claim with two findings."""
-
-    claim: str
-    a: str
-    b: str
-
-    def __str__(self) -> str:
-        return str(Setting(*self))
 
 
 class Beside(NamedTuple):
@@ -98,7 +87,7 @@ class ResultsComparison:
     sizes: tuple[str, str]  # name, numbers of runs, methods and metrics, and seed of either
     settings: tuple[Setting, ...]  # what differs in the configurations
     trials: TrialDifferences
-    findings: tuple[FindingDifference, ...]  # claims of both whose computed findings differ
+    findings: tuple[Setting, ...]  # claims of both whose computed findings differ
     beside: tuple[Beside, ...] = ()  # methods of both, where metric and baseline are the same
 
     @property

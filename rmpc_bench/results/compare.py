@@ -17,7 +17,7 @@ from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trial_differences import common_points, trial_differences
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.results_text import Beside, FindingDifference, ImprovementComparison, ResultsComparison, Setting
+from rmpc_bench.report.results_text import Beside, ImprovementComparison, ResultsComparison, Setting
 from rmpc_bench.results import manifest
 from rmpc_bench.results.evaluate import judge
 from rmpc_bench.results.results import Results, resolved_keys
@@ -340,11 +340,11 @@ def _check_methods(a: Results, b: Results, method: str) -> None:
         raise DesignError(f"{method} is the baseline itself", "method")
 
 
-def _finding_differences(a: Results, b: Results) -> list[FindingDifference]:
+def _finding_differences(a: Results, b: Results) -> list[Setting]:
     """Compare the computed findings of the claims that both have, by their `id` or else by what they say."""
     one, other = ({(each.claim.name or each.claim.says): each for each in judge(results)} for results in (a, b))
     return [
-        FindingDifference(name, str(verdict.finding), str(other[name].finding))
+        Setting(name, str(verdict.finding), str(other[name].finding))
         for name, verdict in one.items()
         if name in other and verdict.finding != other[name].finding
     ]

@@ -9,9 +9,9 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import verdict
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report import summary
-from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.ranks_table import RanksTable, ranks_table
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, drivers_table, requirements_table
+from rmpc_bench.report.summary import ComparisonTable, comparison_table
 from rmpc_bench.results.results import Results, load_results
 from rmpc_bench.types.errors import check_arguments
 

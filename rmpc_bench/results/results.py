@@ -18,7 +18,7 @@ from rmpc_bench.config.own_code import check_copies
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
 from rmpc_bench.received.store import FILE, MissingError, decoded
-from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
+from rmpc_bench.report.summary import ComparisonTable, comparison_table
 from rmpc_bench.results.record import StoredExperiment, read_experiment
 from rmpc_bench.results.tables import StoredTables, with_timings
 from rmpc_bench.results.tuning import tuning_of

@@ -22,10 +22,10 @@ from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.columns import columns_of
-from rmpc_bench.report.comparison_table import sentence
 from rmpc_bench.report.point_tables import markdown_table
 from rmpc_bench.report.screen import WIDTH
 from rmpc_bench.report.screen_tables import ran_lines, row_lines
+from rmpc_bench.report.summary import sentence
 from rmpc_bench.types import Array, MetricInfo
 
 PAGE = DOCS / "statistics.md"

@@ -7,7 +7,7 @@ import pytest
 
 from rmpc_bench.analysis.comparison_text import far_worse_bound, per_cent, verdict_text
 from rmpc_bench.analysis.verdict import largest_share
-from rmpc_bench.report.comparison_table import sentence
+from rmpc_bench.report.summary import sentence
 from rmpc_bench.types import MetricInfo
 
 MSE = MetricInfo("mse", "rad^2", "lower")
