@@ -15,21 +15,10 @@ from rmpc_bench.figures.style import Rendering, remark_on
 from rmpc_bench.installed import version_of
 from rmpc_bench.publishing.figure_files import write_figures
 from rmpc_bench.publishing.pages import Publication, place_of, write_page
-from rmpc_bench.publishing.table_files import (
-    experiment_record,
-    write_claims,
-    write_failures,
-    write_latex,
-    write_rows,
-    write_summary,
-    write_table,
-    write_traces,
-)
+from rmpc_bench.publishing.table_files import experiment_record, write_latex, write_tables
 from rmpc_bench.replaced_file import folder, inside
-from rmpc_bench.report.calibration_table import CALIBRATION, calibration_table
-from rmpc_bench.report.run_tables import lost_table
+from rmpc_bench.report.calibration_table import calibration_table
 from rmpc_bench.report.tuning_table import TuningTable
-from rmpc_bench.report.two_way_table import two_way_content
 from rmpc_bench.results.evaluate import drivers, judge, ranks, requirements, summarise
 from rmpc_bench.results.manifest import note_look, note_report, read
 from rmpc_bench.results.record import StoredExperiment
@@ -174,20 +163,7 @@ def _published(
         calibration=calibration_table(results.trials),
         remarks=tuple(filter(None, [remark_on(rendering.font), _remark_on_rows(results)])),
     )
-    paths = [
-        *write_summary(results, published.tables, directory),
-        *write_table(published.drivers, directory, "drivers"),
-        *write_table(published.requirements, directory, "requirements"),
-        *write_rows(lost_table(results.trials), directory / "lost.csv"),
-        *write_table(published.ranks, directory, "ranks"),
-        *write_rows(two_way_content(results.trials), directory / "two-way.csv"),
-        *write_table(published.tuning, directory, "tuning"),
-        *write_table(published.calibration, directory, CALIBRATION),
-        *write_traces(results.stored, directory / "traces.npz"),
-        *write_claims(results, published.verdicts, directory, rendering.formats),
-        *write_rows(results.durations, directory / "timings.csv"),
-        *write_failures(results, directory / "failures", place),
-    ]
+    paths = write_tables(results, published, directory, place, rendering.formats)
     # Another directory says nothing else than this one, which stays as it is.
     if directory.resolve() == results.directory.resolve():
         if len(results.trials.runs) and results.trials.with_verdicts:

@@ -24,11 +24,11 @@ from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_
 from rmpc_bench.report.latex import WIDTH
 from rmpc_bench.report.latex_text import printed_latex
 from rmpc_bench.report.notes import latex_tables
-from rmpc_bench.report.ranks_table import RanksTable
+from rmpc_bench.report.point_tables import FrameTable
 from rmpc_bench.report.run_notes import failure_files
-from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, lost_table
+from rmpc_bench.report.run_tables import lost_table
+from rmpc_bench.report.source import Evaluation
 from rmpc_bench.report.summary import Summary
-from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.report.two_way_table import two_way_content
 from rmpc_bench.results.evaluate import judge, ranks, requirements, summarise
 from rmpc_bench.results.manifest import read
@@ -107,9 +107,7 @@ def write_summary(results: Results, tables: Summary, directory: Path) -> list[Pa
     return [*rows, *(directory / name for name in names)]
 
 
-def write_table(
-    table: DriversTable | RequirementsTable | RanksTable | TuningTable | CalibrationTable, directory: Path, name: str
-) -> list[Path]:
+def write_table(table: FrameTable, directory: Path, name: str) -> list[Path]:
     """Write NAME.csv and tables/NAME.md; what has no content is not written, and an earlier file is removed."""
     file, text = directory / "tables" / f"{name}.md", table.to_markdown()
     file.unlink(missing_ok=True)
@@ -160,7 +158,7 @@ def write_traces(trials: Trials, path: Path) -> list[Path]:
 
 
 def write_claims(
-    results: Results, verdicts: tuple[ClaimVerdict, ...], directory: Path, formats: Sequence[str]
+    results: Results, verdicts: Sequence[ClaimVerdict], directory: Path, formats: Sequence[str]
 ) -> list[Path]:
     """Write claims.json and claims.md; `formats` are those of the figures that the claims name."""
     files = [directory / "claims.json", directory / "claims.md"]
@@ -174,6 +172,26 @@ def write_claims(
     ending = "svg" if "svg" in formats else formats[0]
     replace_text(files[1], claims_markdown(verdicts, informational=not results.is_final, ending=ending))
     return files
+
+
+def write_tables(
+    results: Results, found: Evaluation, directory: Path, place: str, formats: Sequence[str]
+) -> list[Path]:
+    """Write everything but pictures, pages and what is for a LaTeX document."""
+    return [
+        *write_summary(results, found.tables, directory),
+        *write_table(found.drivers, directory, "drivers"),
+        *write_table(found.requirements, directory, "requirements"),
+        *write_rows(lost_table(found.trials), directory / "lost.csv"),
+        *write_table(found.ranks, directory, "ranks"),
+        *write_rows(two_way_content(found.trials), directory / "two-way.csv"),
+        *write_table(found.tuning, directory, "tuning"),
+        *write_table(found.calibration, directory, CALIBRATION),
+        *write_traces(results.stored, directory / "traces.npz"),
+        *write_claims(results, found.verdicts, directory, formats),
+        *write_rows(results.durations, directory / "timings.csv"),
+        *write_failures(results, directory / "failures", place),
+    ]
 
 
 def write_tables_of_rows(results: Results, directory: Path, file: str) -> None:

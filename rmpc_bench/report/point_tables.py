@@ -108,6 +108,10 @@ class FrameTable:
         """Content of the CSV file."""
         raise NotImplementedError("content")
 
+    def to_markdown(self) -> str:
+        """Return the table as Markdown; empty without content."""
+        raise NotImplementedError("to_markdown")
+
     @property
     def frame(self) -> pd.DataFrame:
         """The table."""
