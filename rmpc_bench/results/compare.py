@@ -179,7 +179,7 @@ def compare_results(a: Results, b: Results, *, tolerance: float = 0.0) -> Result
     if not tolerance >= 0:
         raise DesignError(f"must be at least 0 (got {tolerance:g})", "tolerance")
     return ResultsComparison(
-        names=_names(a, b),
+        names=(str(a.directory), str(b.directory)),
         sizes=(_size(a), _size(b)),
         settings=tuple(setting_differences(a, b)),
         trials=trial_differences(a.stored, b.stored, tolerance),
@@ -264,7 +264,7 @@ def compare_improvements(
     return ImprovementComparison(
         rows=tuple(improvement_differences(points, method, info, paired=paired, is_primary=has_verdict)),
         info=info,
-        names=_names(a, b),
+        names=(str(a.directory), str(b.directory)),
         settings=tuple(_of_the_system(setting_differences(a, b), method, points[0][0])),
         tables=tuple(points),
         redefined=_key_of(a, name) != _key_of(b, name),
@@ -297,12 +297,7 @@ def _of_the_system(settings: Sequence[Setting], method: str, table: Trials) -> l
 
 
 def _key_of(results: Results, metric: str) -> str:
-    return dict(results.experiment.points[0].metric_keys).get(metric, "")
-
-
-def _names(a: Results, b: Results) -> tuple[str, str]:
-    """Name the two experiments by their directories."""
-    return str(a.directory), str(b.directory)
+    return results.experiment.points[0].metric_keys.get(metric, "")
 
 
 def _size(results: Results) -> str:

@@ -94,7 +94,7 @@ def stored_methods(config: ExperimentConfig, methods: Collection[str]) -> list[S
 
 OF_THE_BENCH = ("numpy", "scipy", "numba", "joblib", "pandas")
 """Libraries of the bench itself: another version of them is reported, as for built-in components, and not refused."""
-_KEY = "libraries"
+_KEY = "libraries"  # of a value in the store: key of the trials -> library -> the versions that have computed them
 
 
 def versions(modules: Iterable[str]) -> dict[str, str]:
@@ -111,7 +111,7 @@ def all_versions(config: ExperimentConfig) -> dict[str, str]:
 
 def check_versions(config: ExperimentConfig, store: Store, methods: Collection[str], *, accept: bool) -> None:
     """Refuse stored rows that another major or minor version of a library has computed."""
-    stored, here = _stored(store), _here(config, methods)
+    stored, here = store.data(_KEY), _here(config, methods)
     lines = []
     for key, (name, libraries) in here.items():
         for library, version in libraries.items():
@@ -133,7 +133,7 @@ def note_versions(config: ExperimentConfig, store: Store, methods: Collection[st
     """Note the versions with which rows are about to be computed."""
     here = _here(config, methods)
     if any(libraries for _, libraries in here.values()):
-        _note(store, _stored(store), here)
+        _note(store, store.data(_KEY), here)
 
 
 def _here(config: ExperimentConfig, methods: Collection[str]) -> dict[str, tuple[str, dict[str, str]]]:
@@ -144,11 +144,6 @@ def _here(config: ExperimentConfig, methods: Collection[str]) -> dict[str, tuple
         for method in stored_methods(config, methods)
         if (found := versions(modules[method.key]))
     }
-
-
-def _stored(store: Store) -> dict[str, dict[str, list[str]]]:
-    """Return key of the trials -> library -> the versions that have computed them."""
-    return store.data(_KEY)
 
 
 def _note(store: Store, stored: dict[str, dict[str, list[str]]], here: dict[str, tuple[str, dict[str, str]]]) -> None:

@@ -196,21 +196,7 @@ class StoredExperiment(ComparisonKeys):
 
 def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping[str, Any]) -> None:
     """Store what reports need of an experiment in place of what is there, with the arrays that it names."""
-    data = asdict(experiment)
-    # The bytes of experiments without these stay those of earlier versions.
-    for name in ("calibration", "imported"):
-        if data[name] is None:
-            del data[name]
-    if data["adjust"] == "auto":
-        del data["adjust"]
-    for point in data["points"]:
-        for name in ("angles", "laws"):
-            if not point[name]:
-                del point[name]
-        for method in point["methods"].values():
-            if experiment.calibration is None:
-                del method["P_is"]
-    store.set_layout(KEY, json.dumps(data), arrays)
+    store.set_layout(KEY, json.dumps(asdict(experiment)), arrays)
 
 
 def added_methods(store: Store) -> dict[str, str]:
