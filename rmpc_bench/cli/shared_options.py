@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import os
 import traceback
+from collections.abc import Collection
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import click
 
+PICTURES = (".svg", ".png", ".pdf")  # endings of files of a picture
 imported: list[str] = []  # modules that `--import` has imported, which a process of its own imports too
 
 
 class TypedPath(click.Path):
-    """A path; an empty one, such as that of a shell variable without a value, would be the current directory."""
+    """A path, with one of some endings; an empty one, as of a shell variable, would be the current directory."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, endings: Collection[str] = (), **options: Any) -> None:
         super().__init__(path_type=Path, **options)
+        self.endings = endings
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path."""
         if not os.fspath(value):
             self.fail("a path must not be empty", param, ctx)
+        if self.endings and Path(value).suffix.lower() not in self.endings:
+            self.fail(f"{value}: the ending must be one of {', '.join(self.endings)}", param, ctx)
         return super().convert(value, param, ctx)
 
 

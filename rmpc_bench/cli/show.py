@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
-from rmpc_bench.cli.shared_options import TypedPath
+from rmpc_bench.cli.shared_options import PICTURES, TypedPath
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.replay import Replay
@@ -18,16 +18,6 @@ if TYPE_CHECKING:
 INDEX = re.compile("[0-9]{1,18}")
 SHOWN = 10  # samples of a trace on the screen, the last ones
 EXPORTS = (".csv", ".npz", ".mat")
-PICTURES = (".svg", ".png", ".pdf")
-
-
-def _ending(endings: tuple[str, ...]) -> Callable[[click.Context, click.Parameter, Path | None], Path | None]:
-    def check(context: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-        if value is not None and value.suffix.lower() not in endings:
-            raise click.BadParameter(f"{value}: the ending must be one of {', '.join(endings)}")
-        return value
-
-    return check
 
 
 @click.command()
@@ -37,8 +27,8 @@ def _ending(endings: tuple[str, ...]) -> Callable[[click.Context, click.Paramete
 @click.option("--at", multiple=True, metavar="PATH=VALUE", help="Point of a sweep; may be repeated.")
 @click.option("--until", type=click.IntRange(min=0), metavar="K", help="Stop after this sample.")
 @click.option("--pdb", "debug", is_flag=True, help="Open the debugger in your code: at an exception, or at --until K.")
-@click.option("--plot", type=TypedPath(), callback=_ending(PICTURES), help="Draw the trace into a file.")
-@click.option("--export", type=TypedPath(), callback=_ending(EXPORTS), help="Write the trace: .csv, .npz, .mat.")
+@click.option("--plot", type=TypedPath(PICTURES), help="Draw the trace into a file.")
+@click.option("--export", type=TypedPath(EXPORTS), help="Write the trace: .csv, .npz, .mat.")
 @exits.guarded
 def show(
     directory: Path,
