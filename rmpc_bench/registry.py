@@ -287,14 +287,6 @@ def installed_component(group: str, name: str) -> InstalledComponent | None:
     return None if name in _REGISTERED[group] or name in BUILT_IN[group] else _entry_points(group).get(name)
 
 
-def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> Any:
-    """Return a design after the checks that every component passes; see `rmpc_bench.types.contract.checked`."""
-    # Imported here because `types` needs NumPy, and the names of components are listed without it.
-    from rmpc_bench.types import contract
-
-    return contract.checked(group, kind, made, provided)
-
-
 @cache
 def _entry_points(group: str) -> dict[str, InstalledComponent]:
     """Installed components by their names, and by ``package:name``; a name of a built-in one is not used."""

@@ -55,7 +55,8 @@ def compute(
     place = directory if shard is None else shard.directory(directory)
     also = {} if shard is None else stored_in(directory, config, methods, progress.say)
     runs = range(config.experiment.n_runs) if shard is None else shard.runs(config.experiment.n_runs)
-    _say_if_empty(place / FILE, progress)
+    if (place / FILE).is_file() and not (place / FILE).stat().st_size:
+        progress.say(f"{place / FILE} is empty: every trial is computed")
     refuse_imported(directory)
     with Store(place) as store:
         store.claim(config.hash, config.shared, config.own.names())
@@ -70,7 +71,9 @@ def compute(
         if tasks or shared_of(config.points):
             config, trials = separated(config, methods, progress, first)
         with session(place, config, config.overrides, progress.say):
-            _say_other_code(config, store, methods, progress)
+            apart = rows_of_other_code(config, store, methods)
+            for line in apart.said("; they are computed again", ": computing them again (old ones kept)"):
+                progress.say(line)
             n_left = sum(len(task.runs) for task in tasks)
             runs = runs if stopping is None else range(stopping.n_runs)
             file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, tasks=tasks, shard=shard)
@@ -86,11 +89,6 @@ def compute(
             check_shared(config, store, trials, blocks if is_here else {}, first)
 
 
-def _say_if_empty(file: Path, progress: Progress) -> None:
-    if file.is_file() and not file.stat().st_size:
-        progress.say(f"{file} is empty: every trial is computed")
-
-
 def _prepare(
     config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress, how: ComputeOptions
 ) -> None:
@@ -101,12 +99,6 @@ def _prepare(
             text = f"{name}, which was added to {store.directory}, is not in this configuration: no table shows it"
             progress.say(text)
     keep_layout(config, store, methods)
-
-
-def _say_other_code(config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress) -> None:
-    apart = rows_of_other_code(config, store, methods)
-    for line in apart.said("; they are computed again", ": computing them again (old ones kept)"):
-        progress.say(line)
 
 
 def _stopping(config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress) -> Stopping | None:

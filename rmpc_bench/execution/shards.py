@@ -33,6 +33,12 @@ SECONDS = 30.0
 """Longest time that `qstat` may take [s]."""
 _CORES = ("SLURM_CPUS_PER_TASK", "NSLOTS", "PBS_NUM_PPN", "NCPUS")
 """Variables with the cores of a job: of SLURM, SGE, TORQUE and PBS Pro."""
+_SLURM = "SLURM_ARRAY_TASK_ID"
+_INDICES = {
+    _SLURM: ("SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_MAX", "SLURM_ARRAY_TASK_STEP"),
+    "SGE_TASK_ID": ("SGE_TASK_FIRST", "SGE_TASK_LAST", "SGE_TASK_STEPSIZE"),
+}
+"""Index of a task -> first index, last index and step of its array; PBS has no variables for these."""
 _TEXT = re.compile(r"(\d{1,5})/(\d{1,5})")
 _NAME = re.compile(r"([1-9]\d{0,4})-of-([1-9]\d{0,4})")
 
@@ -187,33 +193,27 @@ def n_cores(environment: Mapping[str, str]) -> int:
 
 def shard_of_array_job(environment: Mapping[str, str]) -> Shard:
     """Return the shard of the task of an array job of SLURM, PBS or SGE; `ArrayJobError` where it is none."""
-    if "SLURM_ARRAY_TASK_ID" in environment:
-        return _slurm(environment)
+    for name, (first, last, step) in _INDICES.items():
+        if environment.get(name, "undefined") != "undefined":  # as SGE says outside of an array
+            array = _Array(_number(environment, first), _number(environment, last), _number(environment, step, "1"))
+            if name == _SLURM:
+                _refuse_gaps(environment, array)
+            return _shard(environment, name, array)
     for name in ("PBS_ARRAY_INDEX", "PBS_ARRAYID"):
         if name in environment:
             return _pbs(environment, name)
-    if environment.get("SGE_TASK_ID", "undefined") != "undefined":
-        return _sge(environment)
     raise ArrayJobError(
         "this process is no task of an array job: none of SLURM_ARRAY_TASK_ID, PBS_ARRAY_INDEX, PBS_ARRAYID and "
         "SGE_TASK_ID is set; give I/N"
     )
 
 
-def _slurm(environment: Mapping[str, str]) -> Shard:
-    first, last = _number(environment, "SLURM_ARRAY_TASK_MIN"), _number(environment, "SLURM_ARRAY_TASK_MAX")
-    array = _Array(first, last, _number(environment, "SLURM_ARRAY_TASK_STEP", "1"))
-    if array.size != _number(environment, "SLURM_ARRAY_TASK_COUNT"):
+def _refuse_gaps(environment: Mapping[str, str], array: _Array) -> None:
+    if (count := _number(environment, "SLURM_ARRAY_TASK_COUNT")) != array.size:
         raise ArrayJobError(
-            f"the array has {environment['SLURM_ARRAY_TASK_COUNT']} of the {array.size} indices from {first} to "
-            f"{last}: --shard auto needs a range without gaps; give I/N"
+            f"the array has {count} of the {array.size} indices from {array.first} to {array.last}: --shard auto needs "
+            "a range without gaps; give I/N"
         )
-    return _shard(environment, "SLURM_ARRAY_TASK_ID", array)
-
-
-def _sge(environment: Mapping[str, str]) -> Shard:
-    first, last = _number(environment, "SGE_TASK_FIRST"), _number(environment, "SGE_TASK_LAST")
-    return _shard(environment, "SGE_TASK_ID", _Array(first, last, _number(environment, "SGE_TASK_STEPSIZE", "1")))
 
 
 def _pbs(environment: Mapping[str, str], name: str) -> Shard:

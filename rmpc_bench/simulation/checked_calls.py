@@ -147,8 +147,7 @@ class CheckedEstimator(_Checked):
         """Return the checked estimate."""
         with self._user_code():
             answer = self._component.correct(k, state, y)
-        state, second = _pair(answer, "correct", "(state, x_hat) or (state, Estimate)")
-        _check_answer(second, "correct", Estimate, "(state, x_hat) or (state, Estimate)")
+        state, second = _pair(answer, "correct", Estimate, "(state, x_hat) or (state, Estimate)")
         estimate = as_estimate(second)
         width = np.shape(estimate.x_hat)[-1:] if self._nx < 0 else (self._nx,)
         _check_array(estimate.x_hat, "correct", "x_hat", (self._n, *width) if width else (self._n, 1))
@@ -179,8 +178,7 @@ class CheckedController(_Checked):
     def _checked(self, call: Callable[..., Any], given: Sequence[Any]) -> tuple[Any, Command]:
         with self._user_code():
             answer = call(*given)
-        state, second = _pair(answer, "control", "(state, u) or (state, Command)")
-        _check_answer(second, "control", Command, "(state, u) or (state, Command)")
+        state, second = _pair(answer, "control", Command, "(state, u) or (state, Command)")
         command = as_command(second)
         _check_array(command.u, "control", "u", (self._n, self._nu))
         for status in (command.status, command.step_status):
@@ -190,9 +188,10 @@ class CheckedController(_Checked):
         return state, command
 
 
-def _pair(answer: Any, call: str, right: str) -> tuple[Any, Any]:
+def _pair(answer: Any, call: str, record: type, right: str) -> tuple[Any, Any]:
     if not (isinstance(answer, tuple) and len(answer) == 2):
         raise InvalidReturnValue(f"{call} returned {_described(answer)}; it must return {right}")
+    _check_answer(answer[1], call, record, right)
     return answer
 
 

@@ -31,11 +31,6 @@ _SMALLEST = 1e-9
 class Durations:
     """Histogram of the durations of calls, which are too many to store, with bins of equal relative width.
 
-    Parameters
-    ----------
-    counts : number of a bin -> how many durations lie in it
-    largest : the longest duration [s]; 0 of none
-
     Examples
     --------
     >>> durations = Durations.of([0.001, 0.002, 0.002, 0.002, 0.1])
@@ -43,8 +38,8 @@ class Durations:
     (5, 0.1, 0.002)
     """
 
-    counts: Counter[int] = field(default_factory=Counter)
-    largest: float = 0.0
+    counts: Counter[int] = field(default_factory=Counter)  # number of a bin -> how many durations lie in it
+    largest: float = 0.0  # the longest duration [s]; 0 of none
 
     @classmethod
     def of(cls, seconds: Iterable[float]) -> Durations:

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rmpc_bench import registry
 from rmpc_bench.components.single_run import design_function, single_run
 from rmpc_bench.config_file import factories
 from rmpc_bench.models.linear import LinearModel
@@ -13,6 +12,7 @@ from rmpc_bench.simulation.recording import Recording
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Experiment, Scenario
 from rmpc_bench.types import Method, Plant, PlantInfo
+from rmpc_bench.types.contract import checked
 
 N, TS = 12, 0.5
 MODEL = LinearModel([[1.0, 0.1], [-0.2, 0.9]], [[0.0], [0.3]], [[1.0, 0.0]], 0.04 * np.eye(2), [[0.25]])
@@ -93,7 +93,7 @@ def designed(group, component, **keys):
     taken = inspect.signature(function).parameters
     provided = {name: value for name, value in given(group).items() if name in taken}
     made = function(**provided, **keys)
-    return registry.checked(group, "mine", made, provided)
+    return checked(group, "mine", made, provided)
 
 
 def kalman():

@@ -5,9 +5,10 @@ import pytest
 from components.one_run import MODEL, TS, N, designed, experiment, kalman, simulated
 from conftest import EXACT
 
-from rmpc_bench import SolverError, registry
+from rmpc_bench import SolverError
 from rmpc_bench.components.single_run import single_run
 from rmpc_bench.types import Positive, Status
+from rmpc_bench.types.contract import checked
 
 
 @single_run
@@ -246,4 +247,4 @@ def test_the_registry_takes_what_the_design_function_makes():
     estimate = kalman().correct(0, kalman().init(2), np.ones((2, 1)))[1]
     _, command = design.control(0, design.init(2), np.ones((2, 1)), estimate, np.ones((1, 1)))
     np.testing.assert_allclose(command.u[:, 0], 2.0 * (1.0 - estimate.x_hat[:, 0]), **EXACT)
-    assert registry.checked("controllers", "mine", design, {"model": MODEL}) is design
+    assert checked("controllers", "mine", design, {"model": MODEL}) is design

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -52,10 +52,6 @@ class TuningProgress(Following, Progress):
         """End the display, and write the file for the last time."""
         self._display.stop()
         super().__exit__(kind, value, traceback)
-
-    def results(self) -> dict[str, Any]:
-        """Return nothing that a trial says: the trials are not those of the experiment."""
-        return {"failed": {}, "metric": self._extent.primary, "means": []}
 
     def advance(self, n: int) -> None:
         """Count ``n`` more trials as stored."""
