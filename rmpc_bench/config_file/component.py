@@ -30,9 +30,8 @@ from rmpc_bench.models.disturbance import Disturbance
 from rmpc_bench.models.linear import HeldModel
 from rmpc_bench.simulation.open_loop import Held
 from rmpc_bench.simulation.scenario import initial_state
-from rmpc_bench.types import Count, DesignError, Issue, Problem
+from rmpc_bench.types import Count, DesignError, Issue, Problem, contract
 from rmpc_bench.types.basics import declaring
-from rmpc_bench.types.contract import checked
 
 SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {
     "models": {"disturbance": Disturbance, "delay": DelayKey},
@@ -82,7 +81,7 @@ class Component:
         taken = inspect.signature(self.design).parameters
         given = {name: value for name, value in provided.items() if name in taken and name not in self.parameters}
         recipe = Recipe(self.group, self.design, self.code, given, self.parameters)
-        made = checked(self.group, self.kind, recipe.make(), provided)
+        made = contract.checked(self.group, self.kind, recipe.make(), provided)
         if not self.is_built_in:
             recipe.remember(made)
         return made

@@ -16,8 +16,8 @@ from rmpc_bench.components.loading import load
 from rmpc_bench.components.reference import CodeReference, split_reference
 from rmpc_bench.components.single_run import design_function
 from rmpc_bench.components.transport import dumps, loaded, loads
-from rmpc_bench.types import DesignError, Problem
-from rmpc_bench.types.contract import BASES, checked
+from rmpc_bench.types import DesignError, Problem, contract
+from rmpc_bench.types.contract import BASES
 from rmpc_bench.types.errors import unknown
 
 
@@ -66,7 +66,7 @@ class Subject:
         ]
         if missing:
             raise DesignError(f"needs a value for {', '.join(missing)}; give it as a key")
-        return checked(group, self.text, design(**given, **keys), provided)
+        return contract.checked(group, self.text, design(**given, **keys), provided)
 
     def _validated(self, group: str, design: Any) -> dict[str, Any]:
         """Validate the keys as those of a configuration."""
