@@ -131,16 +131,11 @@ def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[s
     return _in_a_new_process((_remade, reduced, tasks, numbers, run))
 
 
-class _Failure(NamedTuple):
-    """An exception in the new process, as text with its traceback."""
-
-    text: str
-
-
 def _in_a_new_process(call: tuple[Any, ...]) -> Any:
-    """Call a function with arguments in a process that has loaded no file of a user."""
-    # A ConfigError or WorkerError there is the answer, as text. Any other exception is a WorkerError with its
-    # traceback.
+    """Call a function with arguments in a process that has loaded no file of a user.
+
+    A ConfigError or WorkerError there is the answer, as text.  Any other exception is a WorkerError with its traceback.
+    """
     # Ctrl-C in a terminal reaches every process of the group; only this one handles it.
     process = start(__name__, PIPE, PIPE, DEVNULL, given={"parent": os.getpid()}, session=True)
     with process:
@@ -154,9 +149,9 @@ def _in_a_new_process(call: tuple[Any, ...]) -> Any:
     if not answer:
         how = f"signal {signal_name(-code)}" if code < 0 else f"exit code {code}"
         raise WorkerError(f"{_ONLY}: died {how}")
-    found = pickle.loads(answer)
-    if isinstance(found, _Failure):
-        raise WorkerError(f"{_ONLY}: failed\n{found.text}")
+    found, failed = pickle.loads(answer)
+    if failed:
+        raise WorkerError(f"{_ONLY}: failed\n{failed}")
     return found
 
 
@@ -170,14 +165,14 @@ def main(parent: int) -> None:
         os.dup2(nowhere, descriptor)
     try:
         function, *arguments = loads(call)
-        found = pickle.dumps(function(*arguments))
+        answer = pickle.dumps((function(*arguments), ""))
     except (ConfigError, WorkerError) as error:
         # What cannot be made here.
-        found = pickle.dumps(str(error))
+        answer = pickle.dumps((str(error), ""))
     except Exception:
         # A mistake of the bench or of a file: without a word the methods would be computed unseparated.
-        found = pickle.dumps(_Failure(traceback.format_exc()))
-    answers.write(found)
+        answer = pickle.dumps((None, traceback.format_exc()))
+    answers.write(answer)
     answers.flush()
     # Without the exit handlers of the user's libraries, which belong to a process that ends by itself.
     os._exit(0)

@@ -166,129 +166,137 @@ def simulate(
     >>> record.x.shape, status.tolist()
     ((3, 201, 5), [0, 0, 0])
     """
-    n_runs, nd, preview, mixes = len(draws.x0), method.n_disturbances, method.preview, plant.mixes_noise
-    start, runs = start or RunStart(0, tuple(range(n_runs)), Journal()), RunState.of(n_runs)
-    alive, failed = runs
-    draws = draws._replace(delta=start.plant(plant, draws.delta, draws.x0, runs))
-    x = plant.first_state(draws.delta, draws.x0)
-    w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
-    e = start.estimator(method.estimator, n_runs, draws.delta, runs)
-    c = start.controller(method.controller, n_runs, runs)
-    known = r[: n_steps + 1].copy()
-    loop = _Loop.of(plant, method, draws, RunLimits(state_range, x, known), runs, start, n_steps)
-    limits, moving, arrivals = loop.limits, loop.moving, loop.arrivals
+    n_runs, nd, preview = len(draws.x0), method.n_disturbances, method.preview
+    start, known = start or RunStart(0, tuple(range(n_runs)), Journal()), r[: n_steps + 1].copy()
+    loop = Loop(plant, method, draws, known, n_steps, start, state_range, method.controller)
     outputs, inputs = Recorder(n_steps + 1, n_runs if loop.own_matrices else None), Recorder(n_steps)
-    changes_inputs, no_noise = plant.limits_inputs or bool(draws.inputs), np.zeros_like(v[:, 0])
+    changes_inputs = plant.limits_inputs or bool(draws.inputs)
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
-        status = runs.after(limits.of_state(np.full(n_runs, OK), failed, x))
         for k in range(n_steps + 1):
             start.watch.step(k)
-            acting = loop.fed.at(k, n_runs)
-            y_true = np.array(moving.output(k, draws.delta, x, no_noise, *acting))
-            outputs.at(k, x=x, y=y_true)
-            y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k], *acting))
-            y, given = arrivals.at(k, draws.altered(k, y))
-            status = runs.with_reported(status)
-            e, estimate, status = loop.corrected(k, e, status, given, nd)
+            y_true, y, given = loop.measured(k)
+            estimate = loop.corrected(k, given)
             of_x = without_disturbances(estimate, nd)
-            outputs.at(k, x_hat=of_x.x_hat, **_wanted(of_x.info, info))
+            outputs.at(k, x=loop.x, y=y_true, x_hat=of_x.x_hat, **_wanted(of_x.info, info))
             outputs.matrix_at(k, "P", of_x.P if with_P else None)
             outputs.matrix_at(k, "M", of_x.M if with_M else None)
             if k == n_steps:
                 break
-            c, command, (u, u_m, _), status = loop.applied(k, c, status, y, estimate, r[k : k + preview])
+            command, (u, u_m, _) = loop.controlled(k, y, estimate, r[k : k + preview])
             inputs.at(k, u=u, **({"u_command": command.u} if changes_inputs else {}), **_wanted(command.info, info))
-            motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
-            status = runs.after(limits.of_state(status, motion.status, motion.x))
-            x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
-            e = loop.timed.predict(k, e, method.controller.known_inputs(u_m.copy()))
+            loop.moved(k, u, u_m)
             if k == last:
                 break
     loop.timed.note(start.journal, n_runs, n_steps)
     record = _recorded(outputs, inputs, plant.Ts, known, method.controller)
-    return record._replace(bursts=draws.bursts, delta=draws.delta), status
+    return record._replace(bursts=draws.bursts, delta=loop.draws.delta), loop.status
 
 
-class _Loop(NamedTuple):
-    """What the steps of a simulation share."""
+class Loop:
+    """The samples of a block of runs: what is measured and estimated at k, and what an input makes of the plant.
 
-    method: Method
-    moving: Plant
-    timed: BlockTimes
-    limits: RunLimits
-    runs: RunState
-    start: RunStart
-    channel: InputChannel
-    fed: Feedthrough
-    arrivals: Arrivals
-    own_matrices: bool  # one per run, whether or not it has a gap
-    n_steps: int
+    An `Episode` has no law.
+    """
 
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         plant: Plant,
         method: Method,
         draws: Draws,
-        limits: RunLimits,
-        runs: RunState,
-        start: RunStart,
+        r: Float[Array, "samples ny"],
         n_steps: int,
-    ) -> _Loop:
-        """Join the calls of plant, estimator and controller with the laws between them."""
-        moving, *own = checked_calls(plant, method, runs.alive, start.journal)
+        start: RunStart,
+        state_range: StateRange,
+        law: Controller | None = None,
+    ) -> None:
+        n_runs = len(draws.x0)
+        self._plant, self._method, self._start, self._last = plant, method, start, n_steps - 1
+        self._runs = runs = RunState.of(n_runs)
+        delta = start.plant(plant, draws.delta, draws.x0, runs)
+        self.draws, self.x = draws._replace(delta=delta), np.array(plant.first_state(delta, draws.x0))
+        self._w, self._v = plant.mix(delta, draws.w, draws.v) if plant.mixes_noise else (draws.w, draws.v)
+        self._no_noise = np.zeros_like(self._v[:, 0])
+        self._e = start.estimator(method.estimator, n_runs, delta, runs)
+        self._c = None if law is None else start.controller(law, n_runs, runs)
+        self._moving, estimator, controller = checked_calls(plant, method, runs.alive, start.journal)
         counted = RunInfo(start.runs, (), runs.alive, start.journal)
-        channel = InputChannel(plant, draws.inputs, method.delay, method.u_before, counted)
-        law = method.controller
+        self._channel = InputChannel(plant, draws.inputs, method.delay, method.u_before, counted)
         signal = partial(law.signal.sample, start.runs) if isinstance(law, OpenLoop) else None
-        fed = Feedthrough(plant, channel, method.estimator, signal, n_steps)
-        filter_, called = turned_calls(method, fed.used_by(own[0]), own[1])
-        arrivals = Arrivals(draws, method.delay)
-        timed = BlockTimes(arrivals.used_by(filter_), called)
+        self.fed = Feedthrough(plant, self._channel, method.estimator, signal, n_steps)
+        filter_, called = turned_calls(method, self.fed.used_by(estimator), controller)
+        self._arrivals = Arrivals(draws, method.delay)
+        self.timed = BlockTimes(self._arrivals.used_by(filter_), called)
         # In every block alike: sums differ in the last bits otherwise.
         recorded = plant.recorded is not None and bool(plant.recorded.gaps)
-        own_matrices = draws.omits_measurements or bool(arrivals.D) or recorded
-        return cls(method, moving, timed, limits, runs, start, channel, fed, arrivals, own_matrices, n_steps)
+        self.own_matrices = draws.omits_measurements or bool(self._arrivals.D) or recorded
+        """Whether every run has matrices of its own, whether or not it has a gap."""
+        self._limits = RunLimits(state_range, self.x, r)
+        with np.errstate(over="ignore", invalid="ignore"):
+            self.status = runs.after(self._limits.of_state(np.full(n_runs, OK), runs.failed, self.x))
 
-    def corrected(self, k: int, state: Any, status: Statuses, y: Any, nd: int) -> tuple[Any, Estimate, Statuses]:
-        """Call the estimator; return its state, its estimate and the statuses."""
-        state, answer = self.timed.correct(k, state, y)
+    def measured(self, k: int) -> tuple[Array, Array, Any]:
+        """Return y(k) without noise, y(k) as it is measured and arrives, and what the estimator gets."""
+        acting, delta = self.fed.at(k, len(self.x)), self.draws.delta
+        y_true = np.array(self._moving.output(k, delta, self.x, self._no_noise, *acting))
+        y = y_true + self._v[:, k]
+        if not self._plant.mixes_noise:
+            y = np.array(self._moving.output(k, delta, self.x, self._v[:, k], *acting))
+        y, given = self._arrivals.at(k, self.draws.altered(k, y))
+        self.status = self._runs.with_reported(self.status)
+        return y_true, y, given
+
+    def corrected(self, k: int, given: Any) -> Estimate:
+        """Call the estimator."""
+        self._e, answer = self.timed.correct(k, self._e, given)
         estimate = as_estimate(answer)
         estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
-        return state, estimate, self.runs.after(self.limits.of_estimate(status, estimate.status, estimate.x_hat, nd))
+        found = estimate.status, estimate.x_hat, self._method.n_disturbances
+        self.status = self._runs.after(self._limits.of_estimate(self.status, *found))
+        return estimate
 
-    def applied(
-        self, k: int, state: Any, status: Statuses, y: Array, estimate: Estimate, r: Array
-    ) -> tuple[Any, Command, ActingInput, Statuses]:
-        """Call the controller; return its state, its command, the input that acts and the statuses."""
+    def controlled(self, k: int, y: Array, estimate: Estimate, r: Array) -> tuple[Command, ActingInput]:
+        """Call the controller; return its command and the input that acts."""
         estimate, *ahead = self._ahead(k, estimate)
         if ahead:
-            state, chosen = self.timed.control_ahead(k, state, y, estimate, r, *ahead)
+            self._c, chosen = self.timed.control_ahead(k, self._c, y, estimate, r, *ahead)
         else:
-            state, chosen = self.timed.control(k, state, y, estimate, r[: self.method.controller.preview])
+            self._c, chosen = self.timed.control(k, self._c, y, estimate, r[: self._method.controller.preview])
         command = as_command(chosen)
-        status = self.runs.after(self.limits.of_input(status, command.status, command.u))
-        self.start.note_steps(command.step_status, self.runs)
         command = command._replace(u=np.array(command.u))
-        acting = self.channel.step(k, command.u)
-        own = acting.known if self.method.controller.takes_acting_input else acting.sent
-        return self.timed.applied(k, state, own.copy()), command, acting, status
+        acting = self.acting(k, command.u, command.status)
+        self._start.note_steps(command.step_status, self._runs)
+        own = acting.known if self._method.controller.takes_acting_input else acting.sent
+        self._c = self.timed.applied(k, self._c, own.copy())
+        return command, acting
+
+    def acting(self, k: int, u: Float[Array, "runs nu"], reported: Statuses) -> ActingInput:
+        """Return the input that acts at k, with the statuses that come with what was chosen."""
+        self.status = self._runs.after(self._limits.of_input(self.status, reported, u))
+        return self._channel.step(k, u)
+
+    def moved(self, k: int, u: Float[Array, "runs nu"], known: Float[Array, "runs nu"]) -> None:
+        """Move the plant to k+1 by the input that acts, and predict by what the method knows of it."""
+        motion = as_motion(self._moving.step(k, self.draws.delta, self.x.copy(), u.copy(), self._w[:, k]))
+        self.status = self._runs.after(self._limits.of_state(self.status, motion.status, motion.x))
+        alive = self._runs.alive
+        self.x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, self.x)
+        self._e = self.timed.predict(k, self._e, self._method.controller.known_inputs(known.copy()))
 
     def _ahead(self, k: int, estimate: Estimate) -> tuple[Any, ...]:
         """Predict the estimate over the delay of the input, for a law that uses it; also return what it takes then."""
-        method, last = self.method, self.n_steps - 1
+        method = self._method
         if method.flow is None:
             return (estimate,)
         x, y_hat = estimate.x_hat, []
-        for i, u in enumerate(self.channel.on_way):
-            now = min(k + i, last)
+        for i, u in enumerate(self._channel.on_way):
+            now = min(k + i, self._last)
             y_hat.append(method.flow.measure(now, x, *([u] if method.estimator.fed is not None else [])))
             x = method.flow.advance(now, x, u)
             # The mean of the process noise is held over the horizon of a law, too.
             x = x + estimate.info["w_mean"] if method.estimator.estimates_mean else x
         predicted = estimate._replace(x_hat=x, P=None, M=None)
-        return predicted, Ahead(np.array(y_hat), min(k + len(y_hat), last))
+        return predicted, Ahead(np.array(y_hat), min(k + len(y_hat), self._last))
 
 
 def _recorded(

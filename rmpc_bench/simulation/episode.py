@@ -1,7 +1,7 @@
 """One run of an experiment with inputs from outside, sample by sample.
 
-The random inputs, the plant and the order of the calls are those of `closed_loop.simulate`, so that a law that is
-applied here gives the trajectory of the experiment, bit for bit.
+The random inputs and the loop are those of `closed_loop.simulate`, so that a law that is applied here gives the
+trajectory of the experiment, bit for bit.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.simulation.angles import turned_calls
-from rmpc_bench.simulation.input_channel import Feedthrough, InputChannel, least_delay
-from rmpc_bench.simulation.late_measurements import Arrivals
-from rmpc_bench.simulation.run_start import RunStart, RunState
+from rmpc_bench.simulation.closed_loop import Loop
+from rmpc_bench.simulation.input_channel import least_delay
+from rmpc_bench.simulation.open_loop import Rest
+from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment, own_draws
-from rmpc_bench.simulation.state_range import OK, RunLimits
-from rmpc_bench.types import Array, DesignError, Journal, KnownDelay, Method, RunInfo, Status, as_estimate, as_motion
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Journal, Method, Status
 
 _STATUSES = {int(status): status for status in Status}
 
@@ -41,6 +40,20 @@ class Sample(NamedTuple):
     """Why the run has failed; empty where it has not, or where there is no description."""
 
 
+class _NoEstimate(Estimator):
+    """Takes the place of an estimator, where nothing is estimated."""
+
+    def init(self, n_runs: int) -> None:
+        """There is nothing to remember."""
+
+    def correct(self, k: int, state: None, y: Array) -> tuple[None, Estimate]:
+        """Return an estimate without coordinates."""
+        return None, Estimate(np.zeros((len(y), 0)))
+
+    def predict(self, k: int, state: None, u: Array) -> None:
+        """There is nothing to predict."""
+
+
 class Episode:
     """A run between its first and its last sample; the estimator of the method, if any, gives estimates.
 
@@ -52,29 +65,15 @@ class Episode:
         self.method, self.preview, self.k = method, preview, 0
         scenario, runs = experiment.scenario, range(run, run + 1)
         draws = scenario.draw(self.plant, runs, self.n_steps)
-        self.r = scenario.reference.sample(self.n_steps + 1 + preview)
-        start, self._runs = RunStart(scenario.seed, (run,), Journal()), RunState.of(1)
-        self.journal = start.journal
-        counted = RunInfo((run,), (), self._runs.alive, start.journal)
-        delay, u_before = (KnownDelay(), ()) if method is None else (method.delay, method.u_before)
-        self._channel = InputChannel(self.plant, draws.inputs, delay, u_before, counted)
         draws = own_draws(scenario, self.plant, runs, self.n_steps, draws)
-        self._delta = start.plant(self.plant, draws.delta, draws.x0, self._runs)
-        self._x = np.array(self.plant.first_state(self._delta, draws.x0))
-        mixes = self.plant.mixes_noise
-        self._draws, self._arrivals = draws, Arrivals(draws, delay)
-        self._w, self._v = self.plant.mix(self._delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
-        estimator = None if method is None else method.estimator
-        self._fed = Feedthrough(self.plant, self._channel, estimator, None, self.n_steps)
-        if self._fed.acts and not least_delay(scenario.input, self.plant.nu):
+        self.r = scenario.reference.sample(self.n_steps + 1 + preview)
+        start, known = RunStart(scenario.seed, (run,), Journal()), self.r[: self.n_steps + 1]
+        self.journal = start.journal
+        used = method or Method("", _NoEstimate(), Rest(self.plant.nu))
+        self._loop = Loop(self.plant, used, draws, known, self.n_steps, start, experiment.state_range)
+        if self._loop.fed.acts and not least_delay(scenario.input, self.plant.nu):
             raise DesignError("y(k) depends on u(k), which is chosen after y(k): noise: {input: {delayed: 1}}")
-        if method is not None:
-            filter_, _ = turned_calls(method, self._fed.used_by(method.estimator), None)
-            self._filter = self._arrivals.used_by(filter_)
-            self._e = start.estimator(method.estimator, 1, self._delta, self._runs)
-        self._limits = RunLimits(experiment.state_range, self._x, self.r[: self.n_steps + 1])
         with np.errstate(over="ignore", invalid="ignore"):
-            self._status = self._runs.after(self._limits.of_state(np.full(1, OK), self._runs.failed, self._x))
             self.sample = self._measured()
 
     @property
@@ -88,35 +87,18 @@ class Episode:
             raise RuntimeError("the episode is over; start another one")
         k, u_k = self.k, np.array(u, dtype=float).reshape(1, self.plant.nu)
         with np.errstate(over="ignore", invalid="ignore"):
-            self._status = self._runs.after(self._limits.of_input(self._status, np.zeros(1, np.int8), u_k))
-            u_k, u_m, _ = self._channel.step(k, u_k)
+            u_k, u_m, _ = self._loop.acting(k, u_k, np.zeros(1, np.int8))
             self.u = u_k[0].copy()
-            motion = as_motion(self.plant.step(k, self._delta, self._x.copy(), u_k.copy(), self._w[:, k]))
-            self._status = self._runs.after(self._limits.of_state(self._status, motion.status, motion.x))
-            if self._runs.alive.all():
-                self._x = np.array(motion.x)
-            if self.method is not None:
-                self._e = self._filter.predict(k, self._e, self.method.controller.known_inputs(u_m.copy()))
+            self._loop.moved(k, u_k, u_m)
             self.k = k + 1
             self.sample = self._measured()
         return self.sample
 
     def _measured(self) -> Sample:
-        k, plant = self.k, self.plant
-        acting = self._fed.at(k, 1)
-        y_true = np.array(plant.output(k, self._delta, self._x, np.zeros_like(self._v[:, 0]), *acting))
-        y = y_true + self._v[:, k]
-        if not plant.mixes_noise:
-            y = np.array(plant.output(k, self._delta, self._x, self._v[:, k], *acting))
-        y, given = self._arrivals.at(k, self._draws.altered(k, y))
-        self._status = self._runs.with_reported(self._status)
-        x_hat = None
-        if self.method is not None:
-            self._e, answer = self._filter.correct(k, self._e, given)
-            estimate = as_estimate(answer)
-            x_hat, nd = np.array(estimate.x_hat), self.method.n_disturbances
-            self._status = self._runs.after(self._limits.of_estimate(self._status, estimate.status, x_hat, nd))
-            x_hat = x_hat[0]
+        k, loop = self.k, self._loop
+        y_true, y, given = loop.measured(k)
+        estimate = loop.corrected(k, given)
+        x_hat = None if self.method is None else estimate.x_hat[0]
         failure = self.journal.failures.get(self.run)
-        status, message = _STATUSES[int(self._status[0])], "" if failure is None else failure.message
-        return Sample(k, y[0], y_true[0], self._x[0].copy(), self.r[k : k + self.preview], x_hat, status, message)
+        status, message = _STATUSES[int(loop.status[0])], "" if failure is None else failure.message
+        return Sample(k, y[0], y_true[0], loop.x[0].copy(), self.r[k : k + self.preview], x_hat, status, message)

@@ -89,7 +89,7 @@ class Feedthrough:
 
     def __init__(self, plant: Plant, channel: InputChannel, estimator: Any, signal: Any, n_steps: int) -> None:
         self._plant, self._channel, self._estimator = plant, channel, estimator
-        self._is_fed = estimator is not None and estimator.fed is not None
+        self._is_fed = estimator.fed is not None
         self.acts = plant.feedthrough or self._is_fed
         self._signal = signal(n_steps + 1) if self.acts and signal is not None else None
         self._known = dict[int, Array]()
