@@ -42,44 +42,28 @@ class FilterState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GainScheduleFilter(Estimator):
-    """A linear filter with precomputed gains; axis 0 of every array is k and has length 1 if the array is constant.
+    """A linear filter with precomputed gains; axis 0 of every array is k and has length 1 if the array is constant."""
 
-    Parameters
-    ----------
-    x0 : (nx,) prediction before the first measurement
-    F, B, C : (1 or samples, ...) model matrices
-    K, L : (1 or samples, nx, ny) gains of the prediction and of the correction
-    P : (1 or samples, nx, nx) covariance of x_hat - x, None if the design reports none
-    extra : further series of the design, axis 0 = k
-    f, d : (1 or samples, nx), (1 or samples, ny) constant parts, None if they are zero
-    remarks : notes on this design that `rmpc-bench check` prints
-    M : (1 or samples, nx, nx) shape matrix of a set that contains x_hat - x, None if the design reports none
-    sets : sets of the noises on which M or P is based, None for those of the model
-    uncertainty_scale : factor of the uncertainty that the design guards against, None if it guards against none
-    S : (1 or samples, ny, ny) covariance of the innovation, None if the design reports none
-    root : (1 or samples, ...) what the recursion keeps, mostly the roots of its P_pred; None without a recursion
-    recursion : gives the gains of runs with missing measurements, None where these cannot go on
-    P_is : `bound` if P is an upper bound of the covariance
-    """
-
-    x0: Float[Array, " nx"]
-    F: Float[Array, "kF nx nx"]
+    x0: Float[Array, " nx"]  # prediction before the first measurement
+    F: Float[Array, "kF nx nx"]  # F, B, C: model matrices
     B: Float[Array, "kB nx nu"]
     C: Float[Array, "kC ny nx"]
-    K: Float[Array, "kK nx ny"]
+    K: Float[Array, "kK nx ny"]  # K, L: gains of the prediction and of the correction
     L: Float[Array, "kL nx ny"]
-    P: Float[Array, "kP nx nx"] | None
-    extra: Mapping[str, Array] = field(default_factory=dict)
-    f: Float[Array, "kf nx"] | None = None
+    P: Float[Array, "kP nx nx"] | None  # covariance of x_hat - x, None if the design reports none
+    extra: Mapping[str, Array] = field(default_factory=dict)  # further series of the design, axis 0 = k
+    f: Float[Array, "kf nx"] | None = None  # f, d: constant parts, None if they are zero
     d: Float[Array, "kd ny"] | None = None
-    remarks: tuple[str, ...] = ()
-    M: Float[Array, "kM nx nx"] | None = None
-    sets: NoiseSets | None = None
-    uncertainty_scale: float | None = None
-    S: Float[Array, "kS ny ny"] | None = None
-    root: Float[Array, "k ..."] | None = None
-    recursion: Recursion | None = None
-    P_is: Literal["covariance", "bound"] = "covariance"
+    remarks: tuple[str, ...] = ()  # notes on this design that `rmpc-bench check` prints
+    M: Float[Array, "kM nx nx"] | None = None  # shape matrix of a set that contains x_hat - x, None if there is none
+    sets: NoiseSets | None = None  # sets of the noises on which M or P is based, None for those of the model
+    uncertainty_scale: float | None = None  # factor of the uncertainty that the design guards against, None if none
+    S: Float[Array, "kS ny ny"] | None = None  # covariance of the innovation, None if the design reports none
+    root: Float[Array, "k ..."] | None = None  # what the recursion keeps, mostly the roots of its P_pred
+    recursion: Recursion | None = (
+        None  # gains of runs with missing measurements; None where they cannot go on
+    )
+    P_is: Literal["covariance", "bound"] = "covariance"  # `bound` if P is an upper bound of the covariance
 
     has_compiled_form = True
 
