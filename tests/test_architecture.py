@@ -216,6 +216,7 @@ MAY_IMPORT = {
         "config",
         "config_file",
         "store",
+        "engines",  # how the packed runs are computed again
         "execution",
         "importing",
         "results",

@@ -13,7 +13,7 @@ import click
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.missing import ComputeOptions
+    from rmpc_bench.engines.choice import ComputeOptions
     from rmpc_bench.execution.progress import Progress
     from rmpc_bench.execution.shards import Shard
 
@@ -87,7 +87,7 @@ class Request:
     @property
     def compute_options(self) -> ComputeOptions:
         """How trials are computed."""
-        from rmpc_bench.execution.missing import ComputeOptions
+        from rmpc_bench.engines.choice import ComputeOptions
 
         # A scheduler is that of a dask cluster.
         engine = "dask" if self.scheduler else self.engine

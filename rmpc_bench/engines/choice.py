@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import signal
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -36,14 +36,18 @@ Tasks that are added to the queue between two results are computed too.
 """
 
 
+@dataclass(frozen=True)
+class ComputeOptions:
+    """How trials are computed; what is not given follows from the configuration."""
+
+    workers: int | None = None
+    engine: str | None = None
+    scheduler: str | None = None  # address of a scheduler of dask
+    accept_versions: bool = False  # whether other versions of a user's libraries may add to stored trials
+
+
 def choose_engine(
-    config: ExperimentConfig,
-    tasks: Sequence[Task],
-    workers: int | None,
-    name: str | None,
-    directory: Path,
-    say: Callable[[str], None],
-    scheduler: str | None = None,
+    config: ExperimentConfig, tasks: Sequence[Task], how: ComputeOptions, directory: Path, say: Callable[[str], None]
 ) -> Engine:
     """Return the engine for tasks of an experiment; methods with different files of users share no process.
 
@@ -51,8 +55,8 @@ def choose_engine(
     there is a limit of time or memory.  Otherwise this process computes, and lets several workers do what is left where
     that saves time.  Workers then start one by one, as far as each saves time.
     """
-    name, n_trials = name or config.execution.engine, sum(len(task.runs) for task in tasks)
-    n = min(workers or config.execution.workers, n_trials)
+    name, n_trials = how.engine or config.execution.engine, sum(len(task.runs) for task in tasks)
+    n = min(how.workers or config.execution.workers, n_trials)
     experiments = [point.experiment for point in config.points]
     parts = parts_of(experiments)
     own = not all(map(is_built_in, parts))
@@ -72,8 +76,8 @@ def choose_engine(
             from rmpc_bench.engines.dask_cluster import dask_cluster
         except ModuleNotFoundError:
             raise WorkerError(f"engine dask: {missing('dask')}") from None
-        _check_address(scheduler)
-        engine = partial(dask_cluster, workers=n, scheduler=scheduler, say=say, **keys)
+        _check_address(how.scheduler)
+        engine = partial(dask_cluster, workers=n, scheduler=how.scheduler, say=say, **keys)
     if name is None and not isolated and not own:
         return partial(here_first, workers=engine)
     return apart(groups, engine, engine) if len(groups) > 1 else engine

@@ -60,9 +60,7 @@ class GainScheduleFilter(Estimator):
     uncertainty_scale: float | None = None  # factor of the uncertainty that the design guards against, None if none
     S: Float[Array, "kS ny ny"] | None = None  # covariance of the innovation, None if the design reports none
     root: Float[Array, "k ..."] | None = None  # what the recursion keeps, mostly the roots of its P_pred
-    recursion: Recursion | None = (
-        None  # gains of runs with missing measurements; None where they cannot go on
-    )
+    recursion: Recursion | None = None  # gains of runs with missing measurements; None where they cannot go on
     P_is: Literal["covariance", "bound"] = "covariance"  # `bound` if P is an upper bound of the covariance
 
     has_compiled_form = True

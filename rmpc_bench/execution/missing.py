@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -20,16 +19,6 @@ from rmpc_bench.simulation.recording import kept
 from rmpc_bench.store.columns import ranges
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
-
-
-@dataclass(frozen=True)
-class ComputeOptions:
-    """How trials are computed; what is not given follows from the configuration."""
-
-    workers: int | None = None
-    engine: str | None = None
-    scheduler: str | None = None  # address of a scheduler of dask
-    accept_versions: bool = False  # whether other versions of a user's libraries may add to stored trials
 
 
 def pending(

@@ -140,7 +140,7 @@ def _measured(config: ExperimentConfig) -> Pilot:
 
 def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int, Results]:
     """Compute more and more runs; return the time of the first call and of a run [s], their number, and results."""
-    from rmpc_bench.execution.missing import ComputeOptions
+    from rmpc_bench.engines.choice import ComputeOptions
     from rmpc_bench.execution.run import filled
 
     def computed(n: int) -> tuple[float, Results]:

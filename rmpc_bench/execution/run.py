@@ -12,7 +12,7 @@ from typing import Any, Literal
 from rmpc_bench.components.transport import process_directory
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
-from rmpc_bench.execution.missing import ComputeOptions
+from rmpc_bench.engines.choice import ComputeOptions
 from rmpc_bench.execution.progress import Called, Progress, choose
 from rmpc_bench.execution.runner import compute
 from rmpc_bench.execution.shards import n_cores, parse_shard

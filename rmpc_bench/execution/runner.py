@@ -13,10 +13,10 @@ from rmpc_bench.config.own_code import OwnCode, check_copies, in_directory
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.engines.blocks import Pair
-from rmpc_bench.engines.choice import Engine, choose_engine
+from rmpc_bench.engines.choice import ComputeOptions, Engine, choose_engine
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.execution.layout import keep_layout
-from rmpc_bench.execution.missing import ComputeOptions, pending, stored_blocks
+from rmpc_bench.execution.missing import pending, stored_blocks
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
@@ -80,7 +80,7 @@ def compute(
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
-                engine = choose_engine(config, tasks, how.workers, how.engine, place, progress.say, how.scheduler)
+                engine = choose_engine(config, tasks, how, place, progress.say)
             if tasks or not file.is_up_to_date():
                 with file:
                     blocks = _compute(config, store, tasks, engine, progress, file, stopping) if tasks else {}

@@ -19,7 +19,7 @@ from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression, 
 from rmpc_bench.claims.record import ClaimRecord, claims_table
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
-from rmpc_bench.execution.missing import ComputeOptions
+from rmpc_bench.engines.choice import ComputeOptions
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.run import filled
 from rmpc_bench.packing.comparison import (

@@ -13,7 +13,7 @@ from rmpc_bench import load_config, run
 from rmpc_bench.engines import blocks, workers
 from rmpc_bench.engines import pool as engine
 from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
-from rmpc_bench.engines.choice import choose_engine, here_first
+from rmpc_bench.engines.choice import ComputeOptions, choose_engine, here_first
 from rmpc_bench.engines.pool import Pool, processes
 from rmpc_bench.engines.tasks import Done, Task
 from rmpc_bench.engines.watch import Limits
@@ -60,7 +60,7 @@ def test_jobs_are_the_most_workers(tmp_path, name, expected):
     """Unless an engine is named: that starts all of them."""
     config = load_config(write(tmp_path))
     tasks = [Task("S-MPC", 0, 3), Task("R-MPC", 0, 3)]
-    found = choose_engine(config, tasks, 4, name, tmp_path, print)
+    found = choose_engine(config, tasks, ComputeOptions(4, name), tmp_path, print)
     assert (found.func is here_first) == expected
     of_workers = found.keywords["workers"] if expected else found
     assert of_workers.func is processes and of_workers.keywords["gradually"] == expected

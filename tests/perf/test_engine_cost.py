@@ -11,7 +11,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config
 from rmpc_bench.engines.blocks import TaskQueue
-from rmpc_bench.execution.missing import ComputeOptions
+from rmpc_bench.engines.choice import ComputeOptions
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.runner import compute
 

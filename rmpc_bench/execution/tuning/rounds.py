@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from types import TracebackType
@@ -14,8 +14,8 @@ from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.tuning_designs import Round, RoundBuilder, Trial
-from rmpc_bench.engines.choice import choose_engine
-from rmpc_bench.execution.missing import ComputeOptions, pending, stored_blocks
+from rmpc_bench.engines.choice import ComputeOptions, choose_engine
+from rmpc_bench.execution.missing import pending, stored_blocks
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.progress_file import RUNNING, Following, extent_of
 from rmpc_bench.execution.separation import separated, warm_up_tasks
@@ -100,18 +100,14 @@ class Rounds:
         """
         found: dict[Trial, Array] = {}
         ordered = sorted(trials, key=lambda trial: trial.search.number)
-        for first in range(0, len(ordered), MOST_TRIALS):
-            found |= self._values(ordered[first : first + MOST_TRIALS], tested=tested)
-        return found
-
-    def _values(self, trials: Sequence[Trial], *, tested: bool) -> dict[Trial, Array]:
-        made = self._builder.build(trials, tested=tested)
         n_runs = self._plan.test_runs if tested else self._plan.protocol.runs
-        lost = [trial for trial in trials if trial not in made.places]
-        self._progress.found(len(lost) * n_runs)
-        found: dict[Trial, Array] = {trial: np.full(n_runs, np.nan) for trial in lost}
-        if made.places:
-            found |= self._computed(made, n_runs, tested=tested)
+        for part in (ordered[first : first + MOST_TRIALS] for first in range(0, len(ordered), MOST_TRIALS)):
+            made = self._builder.build(part, tested=tested)
+            lost = [trial for trial in part if trial not in made.places]
+            self._progress.found(len(lost) * n_runs)
+            found |= {trial: np.full(n_runs, np.nan) for trial in lost}
+            if made.places:
+                found |= self._computed(made, n_runs, tested=tested)
         return found
 
     def _computed(self, made: Round, n_runs: int, *, tested: bool) -> dict[Trial, Array]:
@@ -132,7 +128,7 @@ class Rounds:
 
     def _compute(self, config: ExperimentConfig, store: Store, names: Sequence[str], n_trials: int) -> None:
         """Compute and store what is missing."""
-        how, progress = self._how, self._progress
+        progress = self._progress
         tasks = pending(config, store, names)
         progress.found(n_trials - sum(len(task.runs) for task in tasks))
         if not tasks:
@@ -140,8 +136,7 @@ class Rounds:
         store.register(stored_methods(config, names))
         note_versions(config, store, names)
         config, _ = separated(config, names, progress)
-        place = store.directory
-        engine = choose_engine(config, tasks, how.workers, how.engine, place, progress.say, how.scheduler)
+        engine = choose_engine(config, tasks, self._how, store.directory, progress.say)
         warm_up_tasks([point.experiment for point in config.points], tasks, progress)
         with closing(stored_blocks(config, store, tasks, engine)) as results:
             for _, done in results:
@@ -160,11 +155,3 @@ class Rounds:
 def rounded(values: Float[Array, " runs"]) -> Float[Array, " runs"]:
     """Return values with six significant digits; NaN stays."""
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
-
-
-def by_key(values: Mapping[Trial, Array]) -> dict[str, dict[int, Array]]:
-    """Return key of a search -> position of its values -> their metric of every run."""
-    found: dict[str, dict[int, Array]] = {}
-    for trial, row in values.items():
-        found.setdefault(trial.search.key, {})[trial.number] = row
-    return found

@@ -13,11 +13,11 @@ from jaxtyping import Float
 from rmpc_bench.config.experiment_config import ExperimentConfig, TuningPlan, WantedSearch
 from rmpc_bench.config.identity import digest
 from rmpc_bench.config.tuning_designs import Trial
+from rmpc_bench.engines.choice import ComputeOptions
 from rmpc_bench.execution import progress_file
-from rmpc_bench.execution.missing import ComputeOptions
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.shards import Shard
-from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress, by_key
+from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
 from rmpc_bench.received.store import WriteError, is_filled
 from rmpc_bench.results.tuning import ANY_USE, Found, add_seconds, read_record, write_record
@@ -228,7 +228,9 @@ def _test(
         for search in searches
         for number, row in enumerate([*map(tuple, found[search.key].candidates.tolist()), None])
     ]
-    values = by_key(rounds.values(trials, tested=True)) if trials else {}
+    values: dict[str, dict[int, Array]] = {search.key: {} for search in searches}
+    for trial, row in rounds.values(trials, tested=True).items():
+        values[trial.search.key][trial.number] = row
     return {
         search.key: replace(
             found[search.key],
