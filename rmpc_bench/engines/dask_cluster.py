@@ -26,7 +26,7 @@ from dask import config
 from rmpc_bench.child_process import held, is_stopped
 from rmpc_bench.components.transport import dumps
 from rmpc_bench.engines.blocks import TaskQueue
-from rmpc_bench.engines.dask_worker import Report, Setup, compute, forget, remember, versions
+from rmpc_bench.engines.dask_worker import KeptPools, Report, Setup, versions
 from rmpc_bench.engines.pool import Note, patience
 from rmpc_bench.engines.tasks import Done, failed
 from rmpc_bench.engines.watch import Limits
@@ -91,15 +91,24 @@ class ExperimentPlugin(distributed.WorkerPlugin):
         self._described, self._local = described, local
 
     def setup(self, worker: distributed.Worker) -> None:
-        """Take the description."""
+        """Make what keeps the worker processes of the experiment."""
         if self._local:
             # Ctrl-C in a terminal reaches every process of the group; only the client handles it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-        remember(self._described)
+        self.pools = KeptPools(self._described)
 
     def teardown(self, worker: distributed.Worker) -> None:
-        """End the worker processes of the experiment."""
-        forget(self._described.key)
+        """End the worker processes of the experiment, also those that have a job."""
+        self.pools.cancel()
+
+
+def compute(key: str, jobs: Sequence[Job]) -> Report:
+    """Do jobs on a dask worker, which has the plugin of the experiment."""
+    plugin = dask.get_worker().plugins.get(key)
+    if plugin is None:
+        raise WorkerError("the dask worker does not know the experiment")
+    report: Report = plugin.pools.compute(jobs)
+    return report
 
 
 class _Cluster:

@@ -31,7 +31,7 @@ LIBRARIES = ("numpy", "scipy", "numba")
 class Setup(NamedTuple):
     """What a dask worker needs to know of an experiment."""
 
-    key: str  # its name in this process
+    key: str  # its name there
     data: bytes  # the experiments
     limits: Limits
     logs: Path | None  # directory for the output of components; it is used where it exists on the machine of the worker
@@ -52,29 +52,6 @@ def versions() -> dict[str, str]:
     return found | {"python": ".".join(platform.python_version_tuple()[:2])}
 
 
-def compute(key: str, jobs: Sequence[Job]) -> Report:
-    """Do jobs one after the other; a WorkerError where versions differ or the experiment cannot be loaded."""
-    with _lock:
-        kept = _kept.get(key)
-    if kept is None:
-        raise WorkerError("the dask worker does not know the experiment")
-    return kept.compute(jobs)
-
-
-def remember(setup: Setup) -> None:
-    """Take the description of an experiment whose jobs will follow."""
-    with _lock:
-        _kept[setup.key] = KeptPools(setup)
-
-
-def forget(key: str) -> None:
-    """End the worker processes of an experiment, also those that have a job."""
-    with _lock:
-        kept = _kept.pop(key, None)
-    if kept is not None:
-        kept.cancel()
-
-
 class KeptPools:
     """Worker processes of one experiment, kept for the next jobs; each thread of a dask worker uses one."""
 
@@ -85,7 +62,7 @@ class KeptPools:
         self._timer: threading.Timer | None = None
 
     def compute(self, jobs: Sequence[Job]) -> Report:
-        """Do jobs one after the other in a worker process."""
+        """Do jobs one after the other; a WorkerError where versions differ or the experiment cannot be loaded."""
         self._check_versions()
         own = self._taken()
         try:
@@ -163,8 +140,3 @@ class _OwnPool:
             logs = setup.logs / f"{platform.node()}-{os.getpid()}" if there else Path(os.devnull)
         self.pool = Pool(setup.data, setup.limits, logs, setup.patience, lambda *each: self.ends.append(each))
         self.pool.start([number])
-
-
-_lock = threading.Lock()
-_kept: dict[str, KeptPools] = {}
-"""Name of an experiment -> its worker processes, in this process."""

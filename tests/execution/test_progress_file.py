@@ -115,6 +115,17 @@ def test_shards_that_are_there_and_one_that_is_not(tmp_path):
     np.testing.assert_allclose([mean["mean"], mean["se"]], [values.mean(), values.sem()], rtol=1e-9)
 
 
+def test_of_several_divisions_the_newest_one_counts(tmp_path):
+    """Oracle: a directory with that division only."""
+    path, out, alone = write(tmp_path, runs=9), tmp_path / "out", tmp_path / "alone"
+    shards(path, out, "1/2", "2/2", "1/3", "3/3")
+    shards(path, alone, "1/3", "3/3")
+    found, expected = read_status(out).to_json(), read_status(alone).to_json()
+    assert [part["name"] for part in found["shards"]] == ["1-of-3", "2-of-3", "3-of-3"]
+    for key in ("done", "total", "not_computed", "failed", "means"):
+        assert found[key] == expected[key]
+
+
 def ran_table(path, tmp_path):
     ran(path, tmp_path / "whole")
     return tmp_path / "whole" / "trials.csv"
