@@ -279,9 +279,9 @@ class TaskQueue:
         """Return the computing time of tasks [s]; infinite where a block of their method has not been finished."""
         return math.inf if self._lengths is None else sum(map(self._lengths.seconds_of, tasks))
 
-    def give_back(self, worker: Hashable = None) -> None:
-        """Take back what is left of the range that a worker has begun and will not finish."""
-        for task in self._begun.pop(worker, ()):
+    def give_back(self) -> None:
+        """Take back what is left of the range that this process has begun and will not finish."""
+        for task in self._begun.pop(None, ()):
             self._put(task)
 
     def add(self, tasks: Iterable[Task]) -> None:

@@ -71,10 +71,9 @@ class Pilot:
             simulated = min(simulated, simulated / workers + WORKER)
         return self.start + simulated + self.report
 
-    def of_shard(self, shards: int, workers: int = 1) -> float:
-        """Return the time that one of so many shards takes, with so many processes each [s]; it has no report."""
-        runs = runs_of_shard(self.n_runs, shards)
-        return replace(self, n_runs=runs, report=0.0).elapsed(workers)
+    def of_shard(self, shards: int) -> float:
+        """Return the time that one of so many shards takes on one process [s]; it has no report."""
+        return replace(self, n_runs=runs_of_shard(self.n_runs, shards), report=0.0).total
 
 
 def runs_of_shard(n_runs: int, shards: int) -> int:

@@ -97,10 +97,9 @@ class Following:
         *,
         total: int,
         done: int,
-        every: float = EVERY,
         stage: str = "",
     ) -> None:
-        self._path, self._extent, self._runs, self._every = directory / FILE, extent, runs, every
+        self._path, self._extent, self._runs = directory / FILE, extent, runs
         self.total, self.done = total, done
         self._before, self._start = done, time.monotonic()
         self._constant = {
@@ -138,7 +137,7 @@ class Following:
         return {"failed": {}, "metric": self._extent.primary, "means": []}
 
     def _follow(self) -> None:
-        while not self._end.wait(self._every):
+        while not self._end.wait(EVERY):
             self._write(RUNNING)
 
     def _write(self, state: str, why: str = "") -> None:
@@ -155,7 +154,7 @@ class Following:
             "state": state,
             "why": why,
             "updated": _now(),
-            "every": self._every,
+            "every": EVERY,
             "total": self.total,
             "done": self.done,
             "seconds": round(seconds, 3),
@@ -181,10 +180,9 @@ class ProgressFile(Following):
         n_left: int,
         tasks: Sequence[Task] = (),
         shard: Shard | None = None,
-        every: float = EVERY,
     ) -> None:
         total = len(extent.columns) * len(runs)
-        super().__init__(directory, extent, runs, shard, total=total, done=total - n_left, every=every)
+        super().__init__(directory, extent, runs, shard, total=total, done=total - n_left)
         self._store, self._failed, self._means = store, Counter[str](), dict[tuple[int, str], RunningMean]()
         self._columns = {(column.point, column.method): column for column in extent.columns}
         self._tasks = tasks
