@@ -1,15 +1,14 @@
 """``python -m perf``: measure every row and write results/perf/perf.md and perf.json.
 
-``--large`` measures 100,000 and 1,000,000 runs in place of the rows, ``--large N ..`` other numbers of runs, and
-``--rows TEXT`` prints the rows whose names have a text in them.
-
 Both sides of a row run one after the other, each in a process of its own, so that their ratio depends little on the
 machine and its load.  Time is that of all processors.  Memory is the largest of the process or one of its children.
 The numbers that both sides compute are compared; a row whose sides differ by more than
 its tolerance, or fail, is not in the table, and the exit code is then 1.
 """
 
+import argparse
 import json
+import os
 import platform
 import resource
 import subprocess
@@ -37,7 +36,10 @@ from perf.row import measured
 ROWS = [*loops.ROWS, *linear_rows.ROWS, *solvers.ROWS, *gpc_rows.ROWS, *mpc_rows.ROWS]
 ROWS += [*horizon_rows.ROWS, *nonlinear_rows.ROWS, *outlier_rows.ROWS, *libraries.ROWS, *commands.ROWS]
 ROWS += wasserstein_rows.ROWS
-TARGET = Path(__file__).parents[2] / "results" / "perf"
+HERE = Path(__file__).parents[2]
+TARGET = HERE / "results" / "perf"
+PAIRS = 5
+"""Alternations of two checkouts."""
 COMPARED = 50
 """Numbers of a side that are compared."""
 
@@ -50,24 +52,45 @@ def one_side(number, side):
     """Measure one side of a row in this process and print it."""
     seconds, result = measured(getattr(ROWS[number], side), ROWS[number].clock)
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1e3
-    numbers = None if result is None else np.ravel(result)[:COMPARED].tolist()
-    print(json.dumps({"seconds": seconds, "megabytes": peak, "numbers": numbers}))
+    print(json.dumps({"seconds": seconds, "megabytes": peak, "numbers": numbers(result)}))
+
+
+def numbers(result):
+    """Return what is compared of the result of a side, None if it has no numbers."""
+    return None if result is None else np.ravel(result)[:COMPARED].tolist()
+
+
+def in_process(number, side, directory=None):
+    """Measure one side of a row in a process of its own, of the package in a directory if one is given."""
+    command = [sys.executable, "-W", "ignore", "-m", "perf", "--side", str(number), side]
+    path = os.pathsep.join([str(directory), str(Path(__file__).parents[1])])
+    env = None if directory is None else {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=directory, env=env)
+    if done.returncode:
+        raise RowError(f"{ROWS[number].name}, {side}: {done.stderr.strip().splitlines()[-1]}")
+    return json.loads(done.stdout.strip().splitlines()[-1])
 
 
 def both_sides(number):
     """Measure a row and compare what its sides compute."""
-    found, row = {}, ROWS[number]
-    for side in ("ours", "baseline")[: 1 + (row.baseline is not None)]:
-        command = [sys.executable, "-W", "ignore", "-m", "perf", str(number), side]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise RowError(f"{row.name}, {side}: {done.stderr.strip().splitlines()[-1]}")
-        found[side] = json.loads(done.stdout.strip().splitlines()[-1])
-    numbers = [side.pop("numbers") for side in found.values()]
-    found["difference"] = difference(*numbers) if len(numbers) == 2 and None not in numbers else None
+    row = ROWS[number]
+    found = {side: in_process(number, side) for side in ("ours", "baseline")[: 1 + (row.baseline is not None)]}
+    compared = [side.pop("numbers") for side in found.values()]
+    found["difference"] = difference(*compared) if len(compared) == 2 and None not in compared else None
     if found["difference"] is not None and not found["difference"] <= row.tolerance:
         raise RowError(f"{row.name}: the sides differ by {found['difference']:.2g} (tolerance {row.tolerance:.0e})")
     return {"name": row.name, "unit": row.unit, "beside": row.beside, **found}
+
+
+def beside(directory, wanted):
+    """Measure our side of rows here and in another checkout, in alternation, and print least times and ratios."""
+    for number, row in enumerate(ROWS):
+        if row.name not in (each.name for each in ROWS[:number]) and wanted in row.name:
+            pairs = [[in_process(number, "ours", each)["seconds"] for each in (HERE, directory)] for _ in range(PAIRS)]
+            here, there = np.array(pairs).T
+            times, ratio = f"{text(here.min())} and {text(there.min())} per {row.unit}", here.min() / there.min()
+            medians = np.median(here) / np.median(there)
+            print(f"{row.name}: {times}; ratio {ratio:.3f}, of medians {medians:.3f}", flush=True)
 
 
 def difference(ours, other):
@@ -117,23 +140,34 @@ def table(records):
     return "\n".join(lines) + "\n"
 
 
-def main(arguments):
-    """Measure one side of a row, large experiments, or all rows."""
-    if arguments[:1] == ["--large"]:
-        return large.main(TARGET, [int(each) for each in arguments[1:]] or large.SIZES)
-    if len(arguments) == 2 and arguments[0].isdigit():
-        return one_side(int(arguments[0]), arguments[1])
-    wanted = arguments[1] if arguments[:1] == ["--rows"] else ""
+def arguments():
+    """Return what the command line asks for."""
+    parser = argparse.ArgumentParser("python -m perf", description="Measure every row and write results/perf.")
+    parser.add_argument("--rows", metavar="TEXT", default="", help="print only rows with this text in their names")
+    parser.add_argument("--beside", metavar="DIRECTORY", type=Path, help="print --rows here and of another checkout")
+    parser.add_argument("--large", metavar="N", nargs="*", type=int, help="large numbers of runs in place of the rows")
+    parser.add_argument("--side", nargs=2, help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def main(asked):
+    """Measure one side of a row, large experiments, rows of two checkouts, or all rows."""
+    if asked.large is not None:
+        return large.main(TARGET, asked.large or large.SIZES)
+    if asked.side:
+        return one_side(int(asked.side[0]), asked.side[1])
+    if asked.beside:
+        return beside(asked.beside.resolve(), asked.rows)
     records, errors = [], []
     for number, row in enumerate(ROWS):
-        if wanted in row.name:
+        if asked.rows in row.name:
             try:
                 records.append(both_sides(number))
                 print(line(records[-1]), file=sys.stderr, flush=True)
             except RowError as error:
                 errors.append(str(error))
                 print(f"no row: {error}", file=sys.stderr, flush=True)
-    if not wanted:
+    if not asked.rows:
         TARGET.mkdir(parents=True, exist_ok=True)
         (TARGET / "perf.md").write_text(table(records), encoding="utf-8")
         (TARGET / "perf.json").write_text(json.dumps(records, indent=2) + "\n", encoding="utf-8")
@@ -143,4 +177,4 @@ def main(arguments):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(arguments())

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from perf.programs import design_model, solved_law
 from perf.row import Row
 
 BLOCK, STEPS, COMPARED = 50, 200, 10
@@ -15,11 +16,9 @@ def fig7():
     from rmpc_bench.config.load import load_config
     from rmpc_bench.controllers.limits import Limits
     from rmpc_bench.controllers.mpc import Scale, design
-    from rmpc_bench.models.servo import ServoNoise
-    from rmpc_bench.models.servo import design as servo
     from rmpc_bench.simulation.closed_loop import simulate
 
-    experiment, model = load_config("configs/zenere2018/fig7.yaml").experiment, servo(0.1, noise=ServoNoise(1.0, 1.0))
+    experiment, model = load_config("configs/zenere2018/fig7.yaml").experiment, design_model()
     scale, limits = Scale(u=440.0, y=2.0 * np.pi), Limits(u=(-220.0, 220.0), enforce="qp")
     made = design(model, Hp=10, Hu=3, Q=0.1, R=0.1, scale=scale, limits=limits)
     draws = experiment.scenario.draw(experiment.plant, range(BLOCK), STEPS)
@@ -48,8 +47,8 @@ def inputs(*, skips):
 
 def one_by_one(solver):
     """Solve every program of the first samples with another program, run by run; as many numbers are compared."""
-    made, x, r = fig7()
-    solve = solver(made, r)
+    _, x, r = fig7()
+    solve = solver(r)
 
     def work():
         before, found = np.zeros(BLOCK), []
@@ -61,31 +60,33 @@ def one_by_one(solver):
     return work, COMPARED * BLOCK
 
 
-def cvxpy(made, r):
-    """Return one parametrised problem of cvxpy in the scaled moves, solved by Clarabel."""
+def cvxpy(r):
+    """Return one parametrised problem of cvxpy in the moves divided by 440 V, solved by Clarabel."""
     import cvxpy as cp
 
-    program, ahead = made.program, np.append(r[1:11].ravel(), 1.0)
-    size, rows = program.size, program.rows
-    root = np.linalg.cholesky(size[:, None] * program.H * size).T
-    v, f, moved = cp.Variable(len(size)), cp.Parameter(len(size)), cp.Parameter(len(rows.low))
-    z = (rows.A * size / rows.unit[:, None]) @ v + moved
-    rules = [z >= rows.low / rows.unit, z <= rows.high / rows.unit]
-    problem = cp.Problem(cp.Minimize(0.5 * cp.sum_squares(root @ v) + f @ v), rules)
+    model, powers = design_model(), [np.eye(4)]
+    for _ in range(10):
+        powers.append(model.A @ powers[-1])
+    free = np.array([(model.C @ power)[0] for power in powers[1:]])
+    held = np.cumsum([(model.C @ power @ model.B)[0, 0] for power in powers[:-1]])
+    moved = np.array([np.append(np.zeros(i), held[: 10 - i]) for i in range(3)]).T
+    unit = 2.0 * np.pi
+    root = np.sqrt(0.1) * np.vstack([440.0 / unit * moved, np.eye(3)])
+    v, error, last = cp.Variable(3), cp.Parameter(13), cp.Parameter()
+    inputs = last / 440.0 + cp.cumsum(v)
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ v + error)), [inputs >= -0.5, inputs <= 0.5])
 
     def solve(x_hat, before):
-        p = np.concatenate([x_hat, [before], ahead])
-        f.value, moved.value = size * (program.F @ p), rows.E @ p / rows.unit
+        last.value = before
+        error.value = np.append(np.sqrt(0.1) / unit * (free @ x_hat + held * before - r[1:11, 0]), np.zeros(3))
         problem.solve(solver=cp.CLARABEL)
-        return before + size[0] * v.value[0]
+        return before + 440.0 * v.value[0]
 
     return solve
 
 
-def do_mpc(made, r):
+def do_mpc(r):
     """Return the same problem of do-mpc with states and inputs as variables, solved by IPOPT."""
-    from perf.programs import design_model, solved_law
-
     law = solved_law(design_model(), 220.0)
     return lambda x_hat, before: law(x_hat, np.array([before]))[0]
 

@@ -7,7 +7,6 @@ law: one has the gains, the other solves the control problem with do-mpc at ever
 
 import math
 import warnings
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -123,20 +122,11 @@ def closed_loop(p, model, law):
     return total / STEPS
 
 
-class Prediction(NamedTuple):
-    """Model of the filter and of the predictions."""
-
-    A: Any
-    B: Any
-    C: Any
-    Q_w: Any
-    R_v: Any
-
-
 def design_model():
-    """Return the design model of the servomechanism."""
-    made = experiment().method("S-MPC").estimator
-    return Prediction(made.F[0], made.B[0], made.C[0], made.Q_w[0], made.R_v[0])
+    """Return the design model of the servomechanism, for the filter and the predictions."""
+    from rmpc_bench.models.servo import ServoNoise, design
+
+    return design(TS, noise=ServoNoise(process=1.0, measurement=1.0))
 
 
 def gain_law():
