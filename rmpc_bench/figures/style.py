@@ -283,14 +283,10 @@ def style() -> Iterator[None]:
     import matplotlib
 
     complete_fonts()
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(STYLE)
-        matplotlib.rcParams.update(PAPER if is_for_paper() else {})
-        fontset = MATHTEXT[_CURRENT.get().font]
-        matplotlib.rcParams.update({"font.family": font_family(), "mathtext.fontset": fontset})
-        with formulas_once():
-            yield
+    usual = {key: value for key, value in matplotlib.rcParamsDefault.items() if key != "backend"}
+    fonts = {"font.family": font_family(), "mathtext.fontset": MATHTEXT[_CURRENT.get().font]}
+    with matplotlib.rc_context({**usual, **STYLE, **(PAPER if is_for_paper() else {}), **fonts}), formulas_once():
+        yield
 
 
 def new_figure(size: tuple[float, float]) -> MplFigure:
