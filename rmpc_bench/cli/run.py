@@ -6,9 +6,11 @@ import gc
 import shlex
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
+from importlib import import_module
 from itertools import count
 from pathlib import Path
 from types import ModuleType
@@ -88,7 +90,7 @@ def run(**options: Any) -> int:
         return _show_again(request, done, time.monotonic() - started)
     # An interrupted import may ignore the interruption, or report a broken library.
     with held():
-        load_scipy()
+        load_libraries()
         import rmpc_bench.config.load  # noqa: F401
         from rmpc_bench.cli.config_text import warning_texts
         from rmpc_bench.received.plain_files import StoreError
@@ -111,23 +113,48 @@ def run(**options: Any) -> int:
         return exits.code_of_store(error)
 
 
-def load_scipy() -> None:
-    """Load SciPy while empty modules stand for two of NumPy, which it would load only to copy their names (0.1 s).
+class _Docstring(defaultdict[str, list[Any]]):
+    """What SciPy reads the docstring of a function into, to add sections to it; it stays as it is."""
 
-    A SciPy that needs them is not loaded here, but as usual by the next import.
+    def __init__(self, function: Any) -> None:
+        super().__init__(list)
+        self.text = function.__doc__
+
+    def __str__(self) -> str:
+        return f"\n{self.text}"
+
+
+_STAND_INS: Mapping[str, Mapping[str, Any]] = {
+    "scipy._lib._docscrape": {"FunctionDoc": _Docstring, "Parameter": None},
+    "unittest.mock": {"patch": None},  # jaxtyping needs it in tests
+}
+"""Modules that others load without need, with the names that these take from them."""
+
+
+def load_libraries() -> None:
+    """Load SciPy and jaxtyping while small modules stand for four that they would load without need (0.2 s).
+
+    A library that needs more of them is not loaded here, but as usual by the next import.
     """
     import numpy
 
     names = vars(numpy)
     empty = {name: ModuleType(name) for name in ("f2py", "testing") if f"numpy.{name}" not in sys.modules}
     names |= empty
+    small = {name: ModuleType(name) for name in _STAND_INS if name not in sys.modules}
+    for name, module in small.items():
+        vars(module).update(_STAND_INS[name])
+    sys.modules.update(small)
     try:
         with suppress(AttributeError, ImportError):
-            import scipy.linalg  # noqa: F401
+            for name in ("jaxtyping", "scipy.linalg", "scipy.special"):
+                import_module(name)
     finally:
         for name, module in empty.items():
             if names.get(name) is module:
                 del names[name]  # NumPy loads the module itself when it is asked for
+        for name in small:
+            del sys.modules[name]
 
 
 def _done_before(request: Request) -> Shown | None:

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-SCIPY = "import sys\nfrom rmpc_bench.cli.run import load_scipy\n"
+LOAD = "import sys\nfrom rmpc_bench.cli.run import load_libraries\n"
 ARTISTS = "from rmpc_bench.figures.style import without_docstrings_of_artists\n"
 
 
@@ -19,13 +19,17 @@ def fresh(program, *arguments):
 def test_scipy_without_parts_of_numpy():
     """The modules are not loaded with SciPy, and are the real ones when they are asked for."""
     fresh(
-        SCIPY + "load_scipy()\n"
-        "assert not {'numpy.f2py', 'numpy.testing', 'unittest'} & {*sys.modules}\n"
+        LOAD + "load_libraries()\n"
+        "assert not {'numpy.f2py', 'numpy.testing', 'unittest', 'asyncio', 'pydoc'} & {*sys.modules}\n"
         "import numpy, scipy.linalg\n"
         "numpy.testing.assert_allclose(scipy.linalg.expm(numpy.zeros((2, 2))), numpy.eye(2))\n"
         "assert numpy.f2py.get_include\n"
-        "load_scipy()\n"
+        "load_libraries()\n"
         "assert numpy.testing.assert_allclose\n"
+        "import jaxtyping, unittest.mock, scipy.special\n"
+        "assert unittest.mock.patch and 'Schur' in scipy.linalg.schur.__doc__ and scipy.special.ndtri.__doc__\n"
+        "from scipy._lib._docscrape import FunctionDoc\n"
+        "assert FunctionDoc(scipy.linalg.schur)['Parameters']\n"
     )
 
 
@@ -55,7 +59,7 @@ def test_a_scipy_that_needs_what_is_left_out(tmp_path, content):
     (tmp_path / "scipy" / "__init__.py").touch()
     (tmp_path / "scipy" / "linalg.py").write_text(content, encoding="utf-8")
     fresh(
-        SCIPY + "sys.path.insert(0, sys.argv[1])\nload_scipy()\nimport scipy.linalg, numpy\n"
+        LOAD + "sys.path.insert(0, sys.argv[1])\nload_libraries()\nimport scipy.linalg, numpy\n"
         "assert scipy.linalg.__file__.startswith(sys.argv[1]) and numpy.testing.assert_allclose\n",
         tmp_path,
     )
