@@ -73,3 +73,30 @@ def test_a_matplotlib_without_the_name():
         "with without_docstrings_of_artists(): pass\n"
         "assert not hasattr(Artist, '_update_set_signature_and_docstring')\n"
     )
+
+
+def test_late_methods_of_dataclasses():
+    """They are those of a usual dataclass."""
+    fresh(
+        "import dataclasses, inspect\n"
+        "def made():\n"
+        "    @dataclasses.dataclass(frozen=True, order=True)\n"
+        "    class Pair:\n"
+        "        a: int\n"
+        "        b: str = 'x'\n"
+        "    return Pair\n"
+        "usual = made()\n"
+        "from rmpc_bench.cli import late_methods\n"
+        "late_methods()\n"
+        "late = made()\n"
+        "one, two = late(1), late(2)\n"
+        "assert one == late(1) != two and one < two <= late(2) and one != usual(1)\n"
+        "assert (hash(one), repr(one)) == (hash(usual(1)), repr(usual(1)))\n"
+        "assert inspect.signature(late) == inspect.signature(usual)\n"
+        "for change in (lambda: setattr(one, 'a', 3), lambda: delattr(one, 'b')):\n"
+        "    try:\n"
+        "        change()\n"
+        "    except dataclasses.FrozenInstanceError:\n"
+        "        continue\n"
+        "    raise AssertionError\n"
+    )

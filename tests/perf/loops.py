@@ -133,6 +133,7 @@ ROWS = [
         lambda: blocks(FIG4, 200, [experiment(FIG4).methods[0].name]),
         predictor_script,
         "loop over runs and steps in NumPy",
+        1e-9,
     ),
     Row(
         "robot: belda2017, LP1, GPC",

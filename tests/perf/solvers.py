@@ -121,21 +121,32 @@ def tracking(by):
     return lambda: [tracked(*given)[0] for _ in range(20)][0], 20 * BLOCK
 
 
-def tanks(method):
+def tanks_plant(solver):
+    """Return two tanks as a plant."""
     from plants import tanks
 
     from rmpc_bench.plants.ode import design
+
+    bounds = {"h1": (1e-4, 0.6), "h2": (1e-4, 0.6), "pump": (0.0, 30.0)}
+    return design(5.0, 200, ode=tanks.rhs, output=tanks.output, states=tanks.STATES, inputs=tanks.INPUTS,
+                  outputs=tanks.OUTPUTS, parameters=tanks.PARAMETERS, bounds=bounds, solver=solver,
+                  x0=tanks.steady_state(8.0, tanks.PARAMETERS))  # fmt: skip
+
+
+def tanks_sample(made, n_runs):
+    """Arguments of a step of a block."""
+    rng = np.random.default_rng(5)
+    delta = made.draw({name: np.full(n_runs, value) for name, value in made.nominal.items()}, [], 1)
+    x, u = rng.uniform(0.05, 0.5, (n_runs, 2)), rng.uniform(0.0, 30.0, (n_runs, 1))
+    return 0, delta, x, u, np.zeros((n_runs, 2))
+
+
+def tanks(method):
     from rmpc_bench.plants.ode_stepping import Solver
 
-    solver = Solver(substeps=10) if method == "ours" else Solver(method)
-    made = design(5.0, 200, ode=tanks.rhs, output=tanks.output, states=tanks.STATES, inputs=tanks.INPUTS,
-                  outputs=tanks.OUTPUTS, parameters=tanks.PARAMETERS, solver=solver,
-                  x0=tanks.steady_state(8.0, tanks.PARAMETERS),
-                  bounds={"h1": (1e-4, 0.6), "h2": (1e-4, 0.6), "pump": (0.0, 30.0)})  # fmt: skip
-    rng = np.random.default_rng(5)
-    delta = made.draw({name: np.full(BLOCK, value) for name, value in made.nominal.items()}, [], 1)
-    x, u = rng.uniform(0.05, 0.5, (BLOCK, 2)), rng.uniform(0.0, 30.0, (BLOCK, 1))
-    return lambda: [made.step(0, delta, x, u, np.zeros((BLOCK, 2))).x for _ in range(5)][0], 5 * BLOCK
+    made = tanks_plant(Solver(substeps=10) if method == "ours" else Solver(method))
+    sample = tanks_sample(made, BLOCK)
+    return lambda: [made.step(*sample).x for _ in range(5)][0], 5 * BLOCK
 
 
 SCIPY = "SciPy linprog (HiGHS), run by run"
