@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from rmpc_bench.recordings.recorded_input import RecordedInput, inputs
 from rmpc_bench.recordings.sampling import File, Resample, Sampling, columns_of, read_table
 from rmpc_bench.types import Array, DataFiles, DesignError, Motion, Plant, RecordedRuns, RunInfo
+from rmpc_bench.types.plant import Generators, Inputs, Noises, Outputs, ParameterValues, States
 
 Rows = Int[Array, " runs"]
 
@@ -74,30 +75,24 @@ class RecordedPlant(Plant):
             ("missing measurements", self.recorded.gaps or "none"),
         ]
 
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> Rows:
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> Rows:
         """Return the files of runs 0, 1, ..; `start` knows the indices of the runs."""
         return np.arange(len(rngs)) % len(self.y)
 
-    def start(self, delta: Rows, x0: Float[Array, "runs nx"], runs: RunInfo) -> Rows:
+    def start(self, delta: Rows, x0: States, runs: RunInfo) -> Rows:
         """Return the file of every run."""
         return np.asarray(runs.index, dtype=int)
 
-    def first_state(self, delta: Rows, x0: Float[Array, "runs nx"]) -> Float[Array, "runs nx"]:
+    def first_state(self, delta: Rows, x0: States) -> States:
         """Return the recorded x(0)."""
         first: Array = self.x[delta, 0]
         return first
 
-    def step(
-        self, k: int, delta: Rows, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], w: Float[Array, "runs nw"]
-    ) -> Motion:
+    def step(self, k: int, delta: Rows, x: States, u: Inputs, w: Noises) -> Motion:
         """Return the recorded x(k+1)."""
         return Motion(self.x[delta, k + 1], np.zeros(len(delta), dtype=np.int8))
 
-    def output(
-        self, k: int, delta: Rows, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
-    ) -> Float[Array, "runs ny"]:
+    def output(self, k: int, delta: Rows, x: States, v: Noises) -> Outputs:
         """Return the recorded y(k)."""
         y: Array = self.y[delta, k] + v
         return y

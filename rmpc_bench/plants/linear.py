@@ -7,7 +7,7 @@ Cost    As `uncertain-linear` without uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from rmpc_bench.types import (
     Statuses,
     SystemMatrix,
 )
+from rmpc_bench.types.plant import Generators, Inputs, Noises, Outputs, ParameterValues, States
 
 EQUATION = r"x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + D_k u_k + v_k"
 OK = np.int8(Status.OK)
@@ -59,34 +60,12 @@ class Matrices(NamedTuple):
     status: Statuses
 
 
-class StartedMatrices(NamedTuple):
-    """The same within a simulation, which knows the runs."""
-
-    A: Float[Array, "runs nx nx"]
-    B: Float[Array, "runs nx nu"]
-    C: Float[Array, "runs ny nx"]
-    D: Float[Array, "runs ny nu"]
-    numbers: Float[Array, "runs n_parameters"]
-    status: Statuses
-    runs: RunInfo
-
-
 @dataclass(frozen=True, eq=False)
 class FixedLinear(UncertainLinear):
     """A linear plant without uncertainty whose signals have names."""
 
-    own_signals: Signals = field(default_factory=lambda: Signals((), (), ()))
+    signals: Signals = field(default_factory=lambda: Signals((), (), ()))
     A_c: Float[Array, "nx nx"] | None = None
-
-    @property
-    def signals(self) -> Signals:
-        """Names of states, inputs and outputs."""
-        return self.own_signals
-
-    @property
-    def names(self) -> Mapping[str, str]:
-        """Names of single components."""
-        return self.own_signals.component_names()
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,21 +79,6 @@ class ParametricLinear(Plant):
     starts_runs = True
 
     @property
-    def nx(self) -> int:
-        """Number of states."""
-        return self.signals.nx
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.signals.nu
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.signals.ny
-
-    @property
     def nominal(self) -> Mapping[str, float]:
         """Parameters with their nominal values."""
         return self.family.nominal
@@ -124,55 +88,35 @@ class ParametricLinear(Plant):
         """A of x' at the nominal parameters."""
         return self.family.A_c
 
-    @property
-    def names(self) -> Mapping[str, str]:
-        """Names of single components."""
-        return self.signals.component_names()
-
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> Matrices:
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> Matrices:
         """Return the matrices of every run; a run that has none gets the nominal ones and a status."""
         columns = [parameters[name] for name in self.nominal]
         numbers = np.stack(columns, axis=1).astype(float) if columns else np.zeros((len(rngs), 0))
         # Runs with the same parameters have the same matrices.
         distinct, row_of = np.unique(numbers, axis=0, return_inverse=True)
         made = [self._of(values) for values in distinct]
-        usual = None if all(isinstance(each, SampledSystem) for each in made) else self._nominal()
-        systems = [each if isinstance(each, SampledSystem) else usual for each in made]
         statuses = np.array([OK if isinstance(each, SampledSystem) else each[0] for each in made], dtype=np.int8)
+        if (statuses != OK).any():
+            usual = self.family.sampled(self.nominal, self.Ts)
+            made = [each if isinstance(each, SampledSystem) else usual for each in made]
         row_of = row_of.reshape(len(numbers))
-        A, B, C, D = (np.array([each[i] for each in systems if each is not None])[row_of] for i in range(4))
+        A, B, C, D = (np.array([each[i] for each in made])[row_of] for i in range(4))
         return Matrices(A, B, C, D, numbers, statuses[row_of])
 
-    def start(self, delta: Matrices, x0: Float[Array, "runs nx"], runs: RunInfo) -> StartedMatrices:
-        """Add the runs, to note why some of them have no matrices."""
+    def start(self, delta: Matrices, x0: States, runs: RunInfo) -> Matrices:
+        """Note why some of the runs have no matrices."""
         for i in np.flatnonzero(delta.status != OK).tolist():
             found = self._of(delta.numbers[i])
             if runs.alive[i] and not isinstance(found, SampledSystem):
                 values: dict[str, Any] = {"p": dict(zip(self.nominal, delta.numbers[i].tolist(), strict=True))}
                 runs.journal.fail(RunFailure(runs.index[i], int(found[0]), "plant", 0, found[1], "", values))
-        return StartedMatrices(*delta, runs)
+        return delta
 
-    def step(
-        self,
-        k: int,
-        delta: Matrices | StartedMatrices,
-        x: Float[Array, "runs nx"],
-        u: Float[Array, "runs nu"],
-        w: Float[Array, "runs nw"],
-    ) -> Motion:
+    def step(self, k: int, delta: Matrices, x: States, u: Inputs, w: Noises) -> Motion:
         """Return x(k+1)."""
         return Motion(mv(delta.A, x) + mv(delta.B, u) + w, delta.status.copy())
 
-    def output(
-        self,
-        k: int,
-        delta: Matrices | StartedMatrices,
-        x: Float[Array, "runs nx"],
-        v: Float[Array, "runs nv"],
-        *u: Array,
-    ) -> Float[Array, "runs ny"]:
+    def output(self, k: int, delta: Matrices, x: States, v: Noises, *u: Array) -> Outputs:
         """Measure."""
         y = mv(delta.C, x)
         return (y + mv(delta.D, *u) if self.feedthrough else y) + v
@@ -181,9 +125,6 @@ class ParametricLinear(Plant):
         """Return the matrices for some parameters; None where there are none."""
         found = self._of(np.array([parameters[name] for name in self.nominal]))
         return LinearPlant(*found[:3], np.eye(self.nx), found.D) if isinstance(found, SampledSystem) else None
-
-    def _nominal(self) -> SampledSystem:
-        return self.family.sampled(self.nominal, self.Ts)
 
     def _of(self, numbers: Float[Array, " n_parameters"]) -> SampledSystem | tuple[Status, str]:
         """Sample the system of some parameters; a status and the reason where it cannot be made."""
@@ -215,10 +156,7 @@ def linear_plant(
     if system.nominal or signals.limits_inputs:
         return ParametricLinear(Ts, system, signals, bool(D.any()))
     given = {"A": A[None], "B": B[None], "C": C[None], "Bw": 1.0, "Dv": 1.0, "D": D[None]}
-    return FixedLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts, own_signals=signals, A_c=system.A_c)
-
-
-NONE = Uncertainty("fixed", value=0.0)
+    return FixedLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts, signals=signals, A_c=system.A_c)
 
 
 def design(
@@ -243,4 +181,5 @@ def design(
     DesignError
         If the sizes are inconsistent, or an entry is undefined at some k.
     """
-    return UncertainLinear(uncertain_system(n_steps, {"A": A, "B": B, "C": C, "Bw": 1.0, "Dv": 1.0, "D": D}), NONE, Ts)
+    given = {"A": A, "B": B, "C": C, "Bw": 1.0, "Dv": 1.0, "D": D}
+    return UncertainLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts)

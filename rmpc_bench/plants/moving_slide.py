@@ -14,8 +14,8 @@ Fails   Status `out-of-range`: a drawn mass, inertia or length is not positive, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.numerics.s_shape import DURATION, s_curve
 from rmpc_bench.types import Array, Count, DesignError, Line, Motion, Panel, Plant, Positive, Status, Statuses
 from rmpc_bench.types.basics import Keyword, takes, values_of
+from rmpc_bench.types.plant import Generators, Inputs, InputSteps, Noises, Outputs, ParameterValues, States, StateSteps
 
 LEAST_SIGMA = 0.02
 """A pose counts as singular if the smallest singular value of J is below this; the kernel has its own copy."""
@@ -48,19 +49,12 @@ class MovingSlide(Plant):
     Ts: float
     nominal: Mapping[str, float]
     substeps: int
-    nx: int = field(default=6, init=False)
-    nu: int = field(default=4, init=False)
-    ny: int = field(default=3, init=False)
-    nw: int = field(default=6, init=False)
-    nv: int = field(default=3, init=False)
-    u_unit: str = field(default="N m", init=False)
 
-    units = UNITS
-    has_singular_poses = True
+    nx, nu, ny = 6, 4, 3
+    u_unit, units = "N m", UNITS
+    has_singular_poses = has_between = True
 
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> SlideDelta:
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> SlideDelta:
         """Return the parameters of every run; a run with invalid parameters gets the nominal ones and a status."""
         good = np.ones(len(next(iter(parameters.values()))), dtype=bool)
         for name, values in parameters.items():
@@ -69,9 +63,7 @@ class MovingSlide(Plant):
         numbers = [_numbers(p if fine else self.nominal) for p, fine in zip(rows, good, strict=True)]
         return SlideDelta(np.stack(numbers), np.where(good, Status.OK, Status.OUT_OF_RANGE).astype(np.int8))
 
-    def step(
-        self, k: int, delta: SlideDelta, x: Float[Array, "runs 6"], u: Float[Array, "runs 4"], w: Float[Array, "runs 6"]
-    ) -> Motion:
+    def step(self, k: int, delta: SlideDelta, x: States, u: Inputs, w: Noises) -> Motion:
         """Advance one sample with constant torques, then add the process noise."""
         from rmpc_bench.models.moving_slide_kernel import slide_step_kernel
 
@@ -79,22 +71,13 @@ class MovingSlide(Plant):
         x_next, status = slide_step_kernel(x, u, w, delta.numbers, self.Ts, self.substeps)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
 
-    def output(
-        self, k: int, delta: SlideDelta, x: Float[Array, "runs 6"], v: Float[Array, "runs 3"]
-    ) -> Float[Array, "runs 3"]:
+    def output(self, k: int, delta: SlideDelta, x: States, v: Noises) -> Outputs:
         """Measure the pose."""
         return x[:, :3] + v
 
-    has_between = True
-
     def between(
-        self,
-        delta: SlideDelta,
-        x: Float[Array, "runs steps 6"],
-        u: Float[Array, "runs steps 4"],
-        parts: int,
-        first: int = 0,
-    ) -> Float[Array, "runs steps parts 6"]:
+        self, delta: SlideDelta, x: StateSteps, u: InputSteps, parts: int, first: int = 0
+    ) -> Float[Array, "runs steps parts nx"]:
         """Integrate every period in equal parts, each with as many steps as the plant takes for a period."""
         from rmpc_bench.models.moving_slide_kernel import slide_step_kernel
 

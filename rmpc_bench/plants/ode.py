@@ -27,89 +27,40 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.ode_functions import Names, function_name, padded, rows
-from rmpc_bench.plants.ode_design import equation, stepping_of
-from rmpc_bench.plants.ode_signals import extra_equation, extra_values, states_between
+from rmpc_bench.models.ode_functions import Names, function_name
+from rmpc_bench.plants.ode_design import equation, extra_equation, stepping_of
 from rmpc_bench.plants.ode_stepping import (
     RunAdvance,
     Solver,
     Stepping,
-    advance_block,
-    advance_run,
-    judged,
+    advance_runs,
     left_bounds,
+    measured,
     rough_remark,
+    rows_where,
     state_bounds,
 )
 from rmpc_bench.types import (
     Array,
     Motion,
     Ode,
-    Parameters,
     Plant,
     RunFailure,
     RunInfo,
-    SolverError,
     Status,
     Statuses,
     UserFunction,
 )
+from rmpc_bench.types.plant import Generators, Inputs, InputSteps, Noises, Outputs, ParameterValues, States, StateSteps
 
 EQUATION = r"""\dot x = f(t, x, u_k, p), \quad
 k T_s \le t \lt (k + 1) T_s, \quad x_{k+1} = x((k+1) T_s) + w_k, \quad y_k = h(x_k, p) + v_k"""
-
-
-# Facts about a plant with a differential equation, as `describe` and `check` print them.
-
-
-def facts(ode: Ode, stepping: Stepping, extra: Ode | None = None) -> list[tuple[str, str]]:
-    """Return labels and texts; `extra` is the equation with the extra signals as its outputs."""
-    in_blocks = ode.rhs_takes_blocks and stepping.in_blocks
-    arguments, left = "t, x, u, p" if ode.timed else "x, u, p", "x(k+1)" if ode.discrete else "x'"
-    found = [
-        ("equation", f"{left} = {function_name(ode.rhs)}({arguments})"),
-        ("states", _names(ode, ode.states)),
-        ("inputs", _names(ode, ode.inputs) or "none"),
-        ("outputs", _names(ode, ode.outputs) + (" (all states)" if ode.output is None else "")),
-        *([] if extra is None else [("extra signals", _names(extra, extra.outputs))]),
-        ("parameters", ", ".join(f"{name} = {value:g}" for name, value in ode.nominal.items()) or "none"),
-        *([] if ode.discrete else [("solver", _solver(stepping))]),
-        ("calls of rhs", "all runs of a block at once" if in_blocks else "run by run"),
-    ]
-    found += [("event", _event(each.word)) for each in stepping.events]
-    return found
-
-
-def _names(ode: Ode, names: Sequence[str]) -> str:
-    return ", ".join(f"{name}{_unit(ode, name)}{_bounds(ode, name)}" for name in names)
-
-
-def _unit(ode: Ode, name: str) -> str:
-    return f" [{ode.units[name]}]" if name in ode.units else ""
-
-
-def _bounds(ode: Ode, name: str) -> str:
-    if name not in ode.bounds:
-        return ""
-    return f" {'within' if name in ode.states else 'limited to'} {ode.bounds_text(name).split(']')[0]}]"
-
-
-def _solver(stepping: Stepping) -> str:
-    solver = stepping.solver
-    if solver.method != "rk4":
-        return f"{solver.method}, rtol {solver.tolerances.rtol:g}, atol {solver.tolerances.atol:g}"
-    if stepping.substeps:
-        return f"rk4, {stepping.substeps} substeps per sample"
-    return f"rk4, error control to {stepping.tolerance.rtol:g} of the range of a state"
-
-
-def _event(word: str) -> str:
-    return f"ends the run: {word}" if word else "replaces the state"
 
 
 DEFAULT_SOLVER = Solver()
@@ -121,14 +72,12 @@ class OdeDelta(NamedTuple):
 
     numbers: Float[Array, "runs n_parameters"]
     status: Statuses
+    runs: RunInfo | None = None  # within a simulation, which knows them
 
-
-class StartedDelta(NamedTuple):
-    """The same within a simulation, which knows the runs."""
-
-    numbers: Float[Array, "runs n_parameters"]
-    status: Statuses
-    runs: RunInfo
+    @property
+    def alive(self) -> list[int]:
+        """Rows of the runs that have not failed."""
+        return list(range(len(self.status))) if self.runs is None else rows_where(self.runs.alive)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,21 +94,6 @@ class OdePlant(Plant):
     starts_runs = True
 
     @property
-    def nx(self) -> int:
-        """Number of states."""
-        return self.ode.nx
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.ode.nu
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.ode.ny
-
-    @property
     def y_unit(self) -> str:
         """Unit of all outputs; empty where they differ in it."""
         return _common(self.ode, self.ode.outputs)
@@ -170,26 +104,21 @@ class OdePlant(Plant):
         return _common(self.ode, self.ode.inputs)
 
     @property
-    def names(self) -> Mapping[str, str]:
-        """Names of single components."""
-        return self.ode.component_names()
-
-    @property
-    def units(self) -> Mapping[str, str]:
-        """Units of single components."""
-        return self.ode.component_units()
-
-    @property
     def extra_signals(self) -> Mapping[str, str]:
         """Names of the extra signals with their units."""
         return {} if self.extra is None else {name: self.extra.units.get(name, "") for name in self.extra.outputs}
 
     def extra_signal(
-        self, name: str, delta: OdeDelta | StartedDelta, x: Float[Array, "runs samples nx"]
+        self, name: str, delta: OdeDelta, x: Float[Array, "runs samples nx"]
     ) -> Float[Array, "runs samples"]:
         """Return an extra signal with the parameters of every run."""
         assert self.extra is not None
-        return extra_values(self.extra, name, delta.numbers, x)
+        flat, numbers = x.reshape(-1, self.nx), np.repeat(delta.numbers, x.shape[1], axis=0)
+        # A failed run may have states for which the function is not defined.
+        finite = rows_where(np.isfinite(flat).all(axis=1))
+        with np.errstate(all="ignore"):
+            found = measured(self.extra, flat, np.zeros((len(flat), 0)), numbers, finite)
+        return np.ascontiguousarray(found[:, self.extra.outputs.index(name)]).reshape(x.shape[:2])
 
     @property
     def has_between(self) -> bool:
@@ -197,24 +126,39 @@ class OdePlant(Plant):
         return not self.ode.discrete
 
     def between(
-        self,
-        delta: OdeDelta | StartedDelta,
-        x: Float[Array, "runs steps nx"],
-        u: Float[Array, "runs steps nu"],
-        parts: int,
-        first: int = 0,
+        self, delta: OdeDelta, x: StateSteps, u: InputSteps, parts: int, first: int = 0
     ) -> Float[Array, "runs steps parts nx"]:
-        """Integrate every period in equal parts by the integrator of the plant."""
-        alive = delta.runs.alive if isinstance(delta, StartedDelta) else np.ones(len(x), dtype=bool)
-        return states_between(self.ode, self.Ts, self.stepping, delta.numbers, x, u, parts, first, alive)
+        """Integrate every period in equal parts by the integrator of the plant; failed runs keep their state."""
+        shorter = self.stepping._replace(substeps=ceil(self.stepping.substeps / parts))
+        states = np.empty((*x.shape[:2], parts, self.nx))
+        for k in range(x.shape[1]):
+            now, inputs = x[:, k], u[:, k]
+            for part in range(parts):
+                number = (first + k) * parts + part
+                now, _ = advance_runs(
+                    self.ode, self.Ts / parts, shorter, number, now, inputs, delta.numbers, delta.alive
+                )
+                states[:, k, part] = now
+        return states
 
     def facts(self) -> list[tuple[str, str]]:
         """Names with units and bounds, and the integration over a sample."""
-        return facts(self.ode, self.stepping, self.extra)
+        ode, stepping = self.ode, self.stepping
+        arguments, left = "t, x, u, p" if ode.timed else "x, u, p", "x(k+1)" if ode.discrete else "x'"
+        in_blocks, words = ode.rhs_takes_blocks and stepping.in_blocks, [event.word for event in stepping.events]
+        return [
+            ("equation", f"{left} = {function_name(ode.rhs)}({arguments})"),
+            ("states", _names(ode, ode.states)),
+            ("inputs", _names(ode, ode.inputs) or "none"),
+            ("outputs", _names(ode, ode.outputs) + (" (all states)" if ode.output is None else "")),
+            *([] if self.extra is None else [("extra signals", _names(self.extra, self.extra.outputs))]),
+            ("parameters", ", ".join(f"{name} = {value:g}" for name, value in ode.nominal.items()) or "none"),
+            *([] if ode.discrete else [("solver", _solver(stepping))]),
+            ("calls of rhs", "all runs of a block at once" if in_blocks else "run by run"),
+            *(("event", f"ends the run: {word}" if word else "replaces the state") for word in words),
+        ]
 
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> OdeDelta:
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> OdeDelta:
         """Return the parameters of every run; a run with one that is not finite gets the nominal ones and a status."""
         columns = [parameters[name] for name in self.nominal]
         numbers = np.stack(columns, axis=1).astype(float) if columns else np.zeros((len(rngs), 0))
@@ -222,30 +166,21 @@ class OdePlant(Plant):
         numbers[~good] = list(self.nominal.values())
         return OdeDelta(numbers, np.where(good, OK, OUT_OF_RANGE))
 
-    def start(self, delta: OdeDelta, x0: Float[Array, "runs nx"], runs: RunInfo) -> StartedDelta:
+    def start(self, delta: OdeDelta, x0: States, runs: RunInfo) -> OdeDelta:
         """Add the runs, to note their failures; those that fail before the first sample are noted."""
-        for i in _rows_where(delta.status != OK):
+        for i in rows_where(delta.status != OK):
             _note(runs, i, 0, RunAdvance(x0[i], Status.OUT_OF_RANGE, "a parameter is not a finite number"))
         for i, name in self._outside(x0):
             reason = f"{name} starts outside its bounds {self.ode.bounds_text(name)}"
             _note(runs, i, 0, RunAdvance(x0[i], Status.OUT_OF_RANGE, reason))
-        return StartedDelta(*delta, runs)
+        return delta._replace(runs=runs)
 
-    def step(
-        self,
-        k: int,
-        delta: OdeDelta | StartedDelta,
-        x: Float[Array, "runs nx"],
-        u: Float[Array, "runs nu"],
-        w: Float[Array, "runs nw"],
-    ) -> Motion:
+    def step(self, k: int, delta: OdeDelta, x: States, u: Inputs, w: Noises) -> Motion:
         """Integrate over sample k with constant inputs, then add the process noise."""
-        runs = delta.runs if isinstance(delta, StartedDelta) else None
-        alive = np.ones(len(x), dtype=bool) if runs is None else runs.alive
-        ends = self._block if self.ode.rhs_takes_blocks and self.stepping.in_blocks else self._run_by_run
+        runs = delta.runs
         # Beyond its bounds a state may be one for which rhs is not defined.
         with np.errstate(all="ignore"):
-            x_next, found = ends(k, delta, x, u, _rows_where(alive))
+            x_next, found = advance_runs(self.ode, self.Ts, self.stepping, k, x, u, delta.numbers, delta.alive)
         failed = {i: end for i, end in found.items() if end.status != Status.OK}
         x_next = x_next + w
         for i, name in self._outside(x_next):
@@ -261,60 +196,34 @@ class OdePlant(Plant):
                 runs.journal.warnings[rough_remark(self.ode, end.rough, k)] += 1
         return Motion(x_next, status)
 
-    def output(
-        self, k: int, delta: OdeDelta | StartedDelta, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"], *u: Array
-    ) -> Float[Array, "runs ny"]:
+    def output(self, k: int, delta: OdeDelta, x: States, v: Noises, *u: Array) -> Outputs:
         """Measure."""
         inputs = u[0] if u else np.zeros((len(x), 0))
-        if self.ode.output_takes_blocks:
-            p = rows(self.nominal, padded(delta.numbers))
-            with np.errstate(all="ignore"):
-                return self.ode.measure(padded(x), padded(inputs), p)[:, : len(x)].T + v
-        alive = delta.runs.alive if isinstance(delta, StartedDelta) else np.ones(len(x), dtype=bool)
-        y = np.full((len(x), self.ny), np.nan)
-        for i in _rows_where(alive):
-            y[i] = self.ode.measure(x[i], inputs[i], self._of_run(delta, i))
-        return y + v
+        return measured(self.ode, x, inputs, delta.numbers, delta.alive) + v
 
-    def _block(
-        self, k: int, delta: OdeDelta | StartedDelta, x: Array, u: Array, alive: list[int]
-    ) -> tuple[Array, dict[int, RunAdvance]]:
-        """Integrate all running runs at once; return x, and by row the runs that failed or are not exact."""
-        try:
-            end = advance_block(self.ode, self.Ts, self.stepping, k, x[alive], u[alive], delta.numbers[alive])
-        except SolverError:
-            # A solver within rhs has failed in one of the runs.
-            return self._run_by_run(k, delta, x, u, alive)
-        ends, found = x.copy(), {}
-        ends[alive] = end.x.T
-        for j in _rows_where((end.state >= 0) | end.failed | (end.rough >= 0)):
-            found[alive[j]] = judged(self.ode, end, j, u[alive[j]])
-        return ends, found
-
-    def _run_by_run(
-        self, k: int, delta: OdeDelta | StartedDelta, x: Array, u: Array, alive: list[int]
-    ) -> tuple[Array, dict[int, RunAdvance]]:
-        """Integrate the running runs one after the other; return x, and by row how each has ended."""
-        ends, found = x.copy(), {}
-        for i in alive:
-            found[i] = advance_run(self.ode, self.Ts, self.stepping, k, x[i], u[i], self._of_run(delta, i))
-            ends[i] = found[i].x
-        return ends, found
-
-    def _of_run(self, delta: OdeDelta | StartedDelta, i: int) -> Parameters:
-        return Parameters(dict(zip(self.nominal, delta.numbers[i].tolist(), strict=True)))
-
-    def _outside(self, x: Float[Array, "runs nx"]) -> list[tuple[int, str]]:
+    def _outside(self, x: States) -> list[tuple[int, str]]:
         """Rows and the first state of each that is outside its bounds."""
         bounds = state_bounds(self.ode)
         if bounds is None or not (out := bounds.outside(x.T)).any():
             return []
-        return [(i, self.ode.states[int(out[:, i].argmax())]) for i in _rows_where(out.any(axis=0))]
+        return [(i, self.ode.states[int(out[:, i].argmax())]) for i in rows_where(out.any(axis=0))]
 
 
-def _rows_where(condition: Any) -> list[int]:
-    rows_found: list[int] = np.flatnonzero(condition).tolist()
-    return rows_found
+def _names(ode: Ode, names: Sequence[str]) -> str:
+    """List names with their units and bounds."""
+    units = {name: f" [{ode.units[name]}]" for name in names if name in ode.units}
+    words = {name: "within" if name in ode.states else "limited to" for name in names if name in ode.bounds}
+    bounds = {name: f" {word} {ode.bounds_text(name).split(']')[0]}]" for name, word in words.items()}
+    return ", ".join(f"{name}{units.get(name, '')}{bounds.get(name, '')}" for name in names)
+
+
+def _solver(stepping: Stepping) -> str:
+    solver = stepping.solver
+    if solver.method != "rk4":
+        return f"{solver.method}, rtol {solver.tolerances.rtol:g}, atol {solver.tolerances.atol:g}"
+    if stepping.substeps:
+        return f"rk4, {stepping.substeps} substeps per sample"
+    return f"rk4, error control to {stepping.tolerance.rtol:g} of the range of a state"
 
 
 def _note(runs: RunInfo, row: int, k: int, end: RunAdvance, **values: Any) -> None:

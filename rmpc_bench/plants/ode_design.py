@@ -12,6 +12,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from timeit import default_timer
 from typing import Any, NamedTuple
 
@@ -36,6 +37,7 @@ from rmpc_bench.plants.ode_stepping import (
     advance_block,
     advance_run,
     judged,
+    parameters_of,
     read_events,
     rough_remark,
 )
@@ -45,6 +47,8 @@ ALONE, BLOCKS = 7, (7, 13, 50)
 """Runs that are compared alone, and sizes of the blocks that they are compared with."""
 BENCH = __file__.removesuffix("plants/ode_design.py")
 """Directory of the bench, whose frames are left out of messages."""
+RECORDED = ("x_hat", "P", "e", "r", "bursts")
+"""Names of other signals that are recorded or drawn."""
 SPREAD = 0.3
 """Standard deviation of a state without bounds, relative to 0.1 plus its initial magnitude."""
 
@@ -58,7 +62,7 @@ class Sample(NamedTuple):
 
     def run(self, ode: Ode, i: int) -> tuple[Array, Array, Parameters]:
         """Return state, inputs and parameters of one run, as numbers."""
-        return self.x[i], self.u[i], Parameters(dict(zip(ode.nominal, self.numbers[i].tolist(), strict=True)))
+        return self.x[i], self.u[i], parameters_of(ode, self.numbers[i])
 
 
 def sample(ode: Ode, x0: Float[Array, " nx"], n_runs: int) -> Sample:
@@ -90,75 +94,68 @@ def _within(shares: Array, low: Array, high: Array) -> Array:
 
 def rhs_takes_blocks(ode: Ode, x0: Float[Array, " nx"]) -> str:
     """Say why a right-hand side must be called run by run; empty where a block has the same bits as each run alone."""
-    some = sample(ode, x0, max(BLOCKS))
-    return _takes_blocks(
-        lambda part, p: ode.slope(0.0, padded(part.x), padded(part.u), p),
-        lambda x, u, p: ode.slope(0.0, x, u, p),
-        ode, some, "ode", function_name(ode.rhs),
-    )  # fmt: skip
+    return _takes_blocks(partial(ode.slope, 0.0), ode, x0, "ode", function_name(ode.rhs))
 
 
 def output_takes_blocks(ode: Ode, x0: Float[Array, " nx"], key: str = "output") -> str:
     """Say the same of an output function, which a key of the configuration names."""
-    some = sample(ode, x0, max(BLOCKS))
-    return _takes_blocks(
-        lambda part, p: ode.measure(padded(part.x), padded(part.u), p),
-        ode.measure,
-        ode, some, key, function_name(ode.output),
-    )  # fmt: skip
+    return _takes_blocks(ode.measure, ode, x0, key, function_name(ode.output))
 
 
 def _takes_blocks(
-    block: Callable[[Sample, Parameters], Array],
-    alone: Callable[[Array, Array, Parameters], Array],
-    ode: Ode,
-    some: Sample,
-    key: str,
-    name: str,
+    function: Callable[[Array, Array, Parameters], Array], ode: Ode, x0: Float[Array, " nx"], key: str, name: str
 ) -> str:
     """Compare blocks of runs with each run alone."""
+    some = sample(ode, x0, max(BLOCKS))
+    at = ", ".join(
+        f"{each} = {value:g}" for each, value in zip((*ode.states, *ode.inputs), (*some.x[0], *some.u[0]), strict=True)
+    )
 
     def values(part: slice) -> Array:
         chosen = Sample(*(each[part] for each in some))
-        found: Array = block(chosen, rows(ode.nominal, padded(chosen.numbers)))[:, : len(chosen.x)]
+        p = rows(ode.nominal, padded(chosen.numbers))
+        found: Array = function(padded(chosen.x), padded(chosen.u), p)[:, : len(chosen.x)]
         return found
+
+    def alone() -> Array:
+        return function(*some.run(ode, 0))
 
     try:
         single = np.concatenate([values(slice(i, i + 1)) for i in range(ALONE)], axis=1)
         together = [values(slice(0, n)) for n in BLOCKS]
         shifted = values(slice(3, 3 + BLOCKS[1]))
     except Exception as error:
-        _require_numbers(alone, ode, some, key, name)
-        _require_repeatable(alone, ode, some, key, name)
+        _require_numbers(alone, at, key, name)
+        _require_repeatable(alone, key, name)
         return f"a block of runs gives {describe_error(error)}"
-    _require_repeatable(alone, ode, some, key, name)
+    _require_repeatable(alone, key, name)
     same = all(_equal(each[:, :ALONE], single) for each in together)
     if not same or not _equal(shifted, together[-1][:, 3 : 3 + BLOCKS[1]]):
         return "a run in a block has other bits than alone"
-    if not np.isfinite(single[:, 0]).all():
-        raise DesignError(_not_finite(name, ode, some, single[:, 0]), key)
+    _require_finite(single[:, 0], at, key, name)
     return ""
 
 
-def _require_numbers(
-    alone: Callable[[Array, Array, Parameters], Array], ode: Ode, some: Sample, key: str, name: str
-) -> None:
+def _require_numbers(alone: Callable[[], Array], at: str, key: str, name: str) -> None:
     """Call a function of the user with the numbers of the first run."""
-    x, u, p = some.run(ode, 0)
     try:
-        found = alone(x, u, p)
+        found = alone()
     except Exception as error:
-        raise DesignError(f"{name} fails at {_at(ode, x, u)}: {describe_error(error)}", key) from error
+        raise DesignError(f"{name} fails at {at}: {describe_error(error)}", key) from error
+    _require_finite(found, at, key, name)
+
+
+def _require_finite(found: Array, at: str, key: str, name: str) -> None:
     if not np.isfinite(found).all():
-        raise DesignError(_not_finite(name, ode, some, found), key)
+        values = ", ".join(f"{value:g}" for value in found)
+        way_out = "give another initial.x, or bounds"
+        raise DesignError(f"{name} returns {values} at {at}, which are not all finite; {way_out}", key)
 
 
-def _require_repeatable(
-    alone: Callable[[Array, Array, Parameters], Array], ode: Ode, some: Sample, key: str, name: str
-) -> None:
+def _require_repeatable(alone: Callable[[], Array], key: str, name: str) -> None:
     """Refuse a function of the user that gives other numbers for the same arguments."""
     try:
-        first, second = (alone(*some.run(ode, 0)) for _ in range(2))
+        first, second = alone(), alone()
     except Exception:
         # A function that only takes blocks; the caller reports one that takes neither.
         return
@@ -177,17 +174,6 @@ def describe_error(error: Exception) -> str:
 
 def _equal(found: Array, expected: Array) -> bool:
     return np.array_equal(found, expected, equal_nan=True)
-
-
-def _at(ode: Ode, x: Array, u: Array) -> str:
-    pairs = [*zip(ode.states, x, strict=True), *zip(ode.inputs, u, strict=True)]
-    return ", ".join(f"{name} = {value:g}" for name, value in pairs)
-
-
-def _not_finite(name: str, ode: Ode, some: Sample, found: Array) -> str:
-    values = ", ".join(f"{value:g}" for value in found)
-    way_out = "give another initial.x, or bounds"
-    return f"{name} returns {values} at {_at(ode, some.x[0], some.u[0])}, which are not all finite; {way_out}"
 
 
 RUNS = 4
@@ -341,6 +327,31 @@ def equation(
     if measured:
         reasons[function_name(output)] = measured
     return record, {name: reason for name, reason in reasons.items() if reason}
+
+
+def extra_equation(
+    ode: Ode, function: Any, names: Names | None, x0: Float[Array, " nx"] | None
+) -> tuple[Ode | None, tuple[str, ...]]:
+    """Return the equation whose outputs are the extra signals, None where there are none, and remarks."""
+    if function is None:
+        if names is not None:
+            raise DesignError(
+                "name what a function returns; give `extra_signal`, or leave the names out", "extra_signals"
+            )
+        return None, ()
+    if names is None:
+        raise DesignError("name the extra signals", "extra_signals")
+    is_fed(function, "extra_signal", allowed=False)
+    found, units = names_of(names, "extra_signals", "z")
+    used = [name for name in found if name in (*ode.states, *ode.inputs, *ode.outputs, *RECORDED)]
+    if used:
+        raise DesignError(f"{used[0]!r} is the name of another signal already", "extra_signals")
+    extra = replace(ode, output=function, outputs=found, units=units, fed=False)
+    # A function may meet numbers here for which it is not defined.
+    with np.errstate(all="ignore"):
+        reason = output_takes_blocks(extra, initial(ode, x0), "extra_signal")
+    remarks = (f"{function_name(function)} is called run by run: {reason}",) if reason else ()
+    return replace(extra, output_takes_blocks=not reason), remarks
 
 
 def bounds_by_name(

@@ -7,14 +7,14 @@ returns the new state.  Its attribute `direction` is 1 for upwards only, -1 for 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.ode_functions import alone, function_name, is_timed, slopes
+from rmpc_bench.models.ode_functions import alone, function_name, is_timed, padded, rows, slopes
 from rmpc_bench.numerics.integration import (
     LARGEST_ERROR,
     Advance,
@@ -32,6 +32,7 @@ from rmpc_bench.numerics.integration import (
     solve,
 )
 from rmpc_bench.types import Array, Count, DesignError, Ode, Parameters, Positive, SolverError, Status
+from rmpc_bench.types.plant import Inputs, Outputs, States
 
 
 class UserEvent(NamedTuple):
@@ -59,10 +60,7 @@ class UserEvent(NamedTuple):
 
 def read_events(given: Any) -> tuple[UserEvent, ...]:
     """Return the events of a function, or of a list or tuple of functions."""
-    return tuple(_events(given))
-
-
-def _events(given: Any) -> Iterator[UserEvent]:
+    found = []
     for function in given if isinstance(given, list | tuple) else [given]:
         timed, name = is_timed(function, "events"), function_name(function)
         word, reset = str(getattr(function, "word", "")), getattr(function, "reset", None)
@@ -74,9 +72,9 @@ def _events(given: Any) -> Iterator[UserEvent]:
         direction = getattr(function, "direction", 0)
         if not isinstance(direction, int | float):
             raise DesignError(f"{name}.direction must be -1, 0 or 1 (got {direction!r})", "events")
-        yield UserEvent(
-            function, timed, word, reset, reset is not None and is_timed(reset, "events"), float(np.sign(direction))
-        )
+        reset_timed = reset is not None and is_timed(reset, "events")
+        found.append(UserEvent(function, timed, word, reset, reset_timed, float(np.sign(direction))))
+    return tuple(found)
 
 
 def _called(function: Callable[..., Any], timed: bool, t: float, x: Array, u: Array, p: Parameters) -> Any:
@@ -84,6 +82,8 @@ def _called(function: Callable[..., Any], timed: bool, t: float, x: Array, u: Ar
     return function(t, x.copy(), u.copy(), p) if timed else function(x.copy(), u.copy(), p)
 
 
+Numbers = Float[Array, "runs n_parameters"]
+"""Parameters of every run, in the order of their names."""
 RTOL = 1e-7
 """Default of `rtol` with `rk4`."""
 IMPLICIT = "solver: {method: LSODA}"
@@ -156,15 +156,7 @@ class RunAdvance(NamedTuple):
     steps: int = 0  # steps computed under error control
 
 
-def advance_block(
-    ode: Ode,
-    Ts: float,
-    stepping: Stepping,
-    k: int,
-    x: Float[Array, "runs nx"],
-    u: Float[Array, "runs nu"],
-    numbers: Float[Array, "runs n_parameters"],
-) -> Advance:
+def advance_block(ode: Ode, Ts: float, stepping: Stepping, k: int, x: States, u: Inputs, numbers: Numbers) -> Advance:
     """Integrate all runs of a block at once by `rk4`, or apply the map to them."""
     if not len(x):
         return at_start(x.T, 0)
@@ -188,19 +180,61 @@ def advance_run(
     events = [event.of_run(ode, u, p) for event in stepping.events]
     slope = inside(lambda t, z: ode.slope(t, z, u, p), k, Ts)
     found = solve(slope, k * Ts, (k + 1) * Ts, x, stepping.solver.tolerances, bounds, events)
+    at = f"at {found.t:.6g} {ode.time_unit}"
     if found.event >= 0:
-        return RunAdvance(
-            found.x, Status.OUT_OF_RANGE, f"{stepping.events[found.event].word} at {found.t:.6g} {ode.time_unit}"
-        )
+        return RunAdvance(found.x, Status.OUT_OF_RANGE, f"{stepping.events[found.event].word} {at}")
     if found.crowded:
-        return RunAdvance(
-            found.x, Status.TOO_MANY_EVENTS, f"too many events in one sample at {found.t:.6g} {ode.time_unit}"
-        )
+        return RunAdvance(found.x, Status.TOO_MANY_EVENTS, f"too many events in one sample {at}")
     if found.failure:
         return RunAdvance(found.x, Status.NOT_CONVERGED, f"{stepping.solver.method}: {found.failure}")
     if found.state >= 0:
         return RunAdvance(found.x, Status.OUT_OF_RANGE, left_bounds(ode, found.state, found.t))
     return RunAdvance(found.x, Status.OK, "")
+
+
+def advance_runs(
+    ode: Ode, Ts: float, stepping: Stepping, k: int, x: States, u: Inputs, numbers: Numbers, chosen: Sequence[int]
+) -> tuple[States, dict[int, RunAdvance]]:
+    """Integrate the chosen runs, at once where that is possible; return all states, and by row how runs have ended.
+
+    Of a block these are the runs that failed or are not exact.
+    """
+    states, found = x.copy(), dict[int, RunAdvance]()
+    if ode.rhs_takes_blocks and stepping.in_blocks:
+        try:
+            end = advance_block(ode, Ts, stepping, k, x[chosen], u[chosen], numbers[chosen])
+            states[chosen] = end.x.T
+            for j in rows_where((end.state >= 0) | end.failed | (end.rough >= 0)):
+                found[chosen[j]] = judged(ode, end, j, u[chosen[j]])
+            return states, found
+        except SolverError:
+            # A solver within rhs has failed in one of the runs.
+            pass
+    for i in chosen:
+        found[i] = advance_run(ode, Ts, stepping, k, x[i], u[i], parameters_of(ode, numbers[i]))
+        states[i] = found[i].x
+    return states, found
+
+
+def rows_where(condition: Array) -> list[int]:
+    """Return the places of true entries."""
+    return list(map(int, np.flatnonzero(condition)))
+
+
+def parameters_of(ode: Ode, numbers: Float[Array, " n_parameters"]) -> Parameters:
+    """Return the parameters of one run by name."""
+    return Parameters(dict(zip(ode.nominal, numbers.tolist(), strict=True)))
+
+
+def measured(ode: Ode, x: States, u: Inputs, numbers: Numbers, chosen: Sequence[int]) -> Outputs:
+    """Return the outputs of all runs where the function takes a block, else those of the chosen ones and NaN."""
+    if ode.output_takes_blocks:
+        with np.errstate(all="ignore"):
+            return ode.measure(padded(x), padded(u), rows(ode.nominal, padded(numbers)))[:, : len(x)].T
+    y = np.full((len(x), ode.ny), np.nan)
+    for i in chosen:
+        y[i] = ode.measure(x[i], u[i], parameters_of(ode, numbers[i]))
+    return y
 
 
 def judged(ode: Ode, end: Advance, i: int, u: Float[Array, " nu"]) -> RunAdvance:

@@ -19,9 +19,9 @@ Fails   Status `out-of-range`: a drawn inertia, resistance, inductance or gear r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -42,6 +42,7 @@ from rmpc_bench.models.servo import (
 from rmpc_bench.numerics.linalg import discretise, mv
 from rmpc_bench.types import Array, CompiledPlant, Line, LinearPlant, Motion, Panel, Plant, Status, Statuses, Term
 from rmpc_bench.types.basics import takes, values_of
+from rmpc_bench.types.plant import Generators, Inputs, InputSteps, Noises, Outputs, ParameterValues, States, StateSteps
 
 POINTS = 200
 BODIES = (("l", "load", r"\ell"), ("m", "motor", "m"))
@@ -98,11 +99,7 @@ def linear_part(
 
 
 def linear_between(
-    E: Float[Array, "runs nx nx"],
-    G: Float[Array, "runs nx nu"],
-    x: Float[Array, "runs steps nx"],
-    u: Float[Array, "runs steps nu"],
-    parts: int,
+    E: Float[Array, "runs nx nx"], G: Float[Array, "runs nx nu"], x: StateSteps, u: InputSteps, parts: int
 ) -> Float[Array, "runs steps parts nx"]:
     """Return the states at the ends of equal parts of every control period."""
     states = np.empty((*x.shape[:2], parts, x.shape[2]))
@@ -134,22 +131,29 @@ class ServoDelta(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Servo(Plant):
-    """The nonlinear servomechanism; create it with `design`."""
+class ServoPlant(Plant):
+    """What both servomechanisms have in common: a voltage, the load angle, noise on the linear states."""
 
     Ts: float
     nominal: Mapping[str, float]
-    nx: int = field(default=5, init=False)
-    nu: int = field(default=1, init=False)
-    ny: int = field(default=1, init=False)
-    nw: int = field(default=4, init=False)
-    nv: int = field(default=1, init=False)
-    y_unit: str = field(default="rad", init=False)
-    u_unit: str = field(default="V", init=False)
 
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> ServoDelta:
+    nu = ny = nv = 1
+    nw = 4
+    y_unit, u_unit = "rad", "V"
+    extra_signals = TORQUE_UNITS
+    has_between = has_compiled_form = True
+
+    def output(self, k: int, delta: Any, x: States, v: Noises) -> Outputs:
+        """Measure the load angle."""
+        return x[:, :1] + v
+
+
+class Servo(ServoPlant):
+    """The nonlinear servomechanism; create it with `design`."""
+
+    nx = 5
+
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> ServoDelta:
         """Return the coefficients of every run."""
         good = admissible(parameters)
         p = {name: np.where(good, values, self.nominal[name]) for name, values in parameters.items()}
@@ -167,16 +171,12 @@ class Servo(Plant):
             rho=np.where(slow, p["rho"], self.nominal["rho"]),
         )
 
-    def step(
-        self, k: int, delta: ServoDelta, x: Float[Array, "runs 5"], u: Float[Array, "runs 1"], w: Float[Array, "runs 4"]
-    ) -> Motion:
+    def step(self, k: int, delta: ServoDelta, x: States, u: Inputs, w: Noises) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
         from rmpc_bench.models.servo_compiled import compiled_servo, servo_step
 
         x_next, status = servo_step(compiled_servo(delta.coefficients, self.Ts), x, u, w)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
-
-    extra_signals = TORQUE_UNITS
 
     def extra_signal(
         self, name: str, delta: ServoDelta, x: Float[Array, "runs samples 5"]
@@ -184,34 +184,19 @@ class Servo(Plant):
         """Return the torque of the shaft with the rigidity and the gear ratio of every run [N m]."""
         return shaft_torque(name, delta.k_theta, delta.rho, x)
 
-    has_between = True
-
     def between(
-        self,
-        delta: ServoDelta,
-        x: Float[Array, "runs steps 5"],
-        u: Float[Array, "runs steps 1"],
-        parts: int,
-        first: int = 0,
-    ) -> Float[Array, "runs steps parts 5"]:
+        self, delta: ServoDelta, x: StateSteps, u: InputSteps, parts: int, first: int = 0
+    ) -> Float[Array, "runs steps parts nx"]:
         """Advance every period in equal parts, each as exactly as a whole period."""
         from rmpc_bench.models.servo_compiled import compiled_servo, servo_between
 
         return servo_between(compiled_servo(delta.coefficients, self.Ts / parts), x, u, parts)
-
-    has_compiled_form = True
 
     def compiled_form(self, delta: ServoDelta, n_steps: int) -> CompiledPlant:
         """Return the compiled step with the coefficients of every run."""
         from rmpc_bench.models.servo_compiled import compiled_servo
 
         return CompiledPlant(compiled_servo(delta.coefficients, self.Ts), (Term("x"),), delta.status)
-
-    def output(
-        self, k: int, delta: ServoDelta, x: Float[Array, "runs 5"], v: Float[Array, "runs 1"]
-    ) -> Float[Array, "runs 1"]:
-        """Measure the load angle."""
-        return x[:, :1] + v
 
     def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
         """Sample the plant without dry friction."""
@@ -228,41 +213,21 @@ class Servo(Plant):
         self.step(0, delta, np.zeros((1, 5)), np.zeros((1, 1)), np.zeros((1, 4)))
 
 
-@dataclass(frozen=True, eq=False)
-class ServoLinear(Plant):
+class ServoLinear(ServoPlant):
     """The linear servomechanism as a plant; create it with `design_linear`."""
 
-    Ts: float
-    nominal: Mapping[str, float]
-    nx: int = field(default=4, init=False)
-    nu: int = field(default=1, init=False)
-    ny: int = field(default=1, init=False)
-    nw: int = field(default=4, init=False)
-    nv: int = field(default=1, init=False)
-    y_unit: str = field(default="rad", init=False)
-    u_unit: str = field(default="V", init=False)
+    nx = 4
 
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> LinearDelta:
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> LinearDelta:
         """Sample the dynamics of every run."""
         good = admissible(parameters)
         p = {name: np.where(good, values, self.nominal[name]) for name, values in parameters.items()}
         status = np.where(good, Status.OK, Status.OUT_OF_RANGE).astype(np.int8)
         return LinearDelta(*self._sampled(p, self.Ts), status, p)
 
-    def step(
-        self,
-        k: int,
-        delta: LinearDelta,
-        x: Float[Array, "runs 4"],
-        u: Float[Array, "runs 1"],
-        w: Float[Array, "runs 4"],
-    ) -> Motion:
+    def step(self, k: int, delta: LinearDelta, x: States, u: Inputs, w: Noises) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
         return Motion(mv(delta.E, x) + mv(delta.G, u) + w, delta.status)
-
-    extra_signals = TORQUE_UNITS
 
     def extra_signal(
         self, name: str, delta: LinearDelta, x: Float[Array, "runs samples 4"]
@@ -270,16 +235,9 @@ class ServoLinear(Plant):
         """Return the torque of the shaft with the rigidity and the gear ratio of every run [N m]."""
         return shaft_torque(name, delta.parameters["k_theta"], delta.parameters["rho"], x)
 
-    has_between = True
-
     def between(
-        self,
-        delta: LinearDelta,
-        x: Float[Array, "runs steps 4"],
-        u: Float[Array, "runs steps 1"],
-        parts: int,
-        first: int = 0,
-    ) -> Float[Array, "runs steps parts 4"]:
+        self, delta: LinearDelta, x: StateSteps, u: InputSteps, parts: int, first: int = 0
+    ) -> Float[Array, "runs steps parts nx"]:
         """Advance every period in equal parts by the matrix exponentials of this shorter time."""
         return linear_between(*self._sampled(delta.parameters, self.Ts / parts), x, u, parts)
 
@@ -290,18 +248,10 @@ class ServoLinear(Plant):
         # `mv` would copy them at every sample.
         return np.ascontiguousarray(E), np.ascontiguousarray(G)
 
-    has_compiled_form = True
-
     def compiled_form(self, delta: LinearDelta, n_steps: int) -> CompiledPlant:
         """Return the sampled dynamics of every run."""
         step = Term("x", (delta.E[:, None],)), Term("u", (delta.G[:, None],)), Term("w")
         return CompiledPlant(step, (Term("x"),), delta.status)
-
-    def output(
-        self, k: int, delta: LinearDelta, x: Float[Array, "runs 4"], v: Float[Array, "runs 1"]
-    ) -> Float[Array, "runs 1"]:
-        """Measure the load angle."""
-        return x[:, :1] + v
 
     def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
         """Sample the plant."""

@@ -10,7 +10,7 @@ Cost    Five small products per run and step.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -28,6 +28,7 @@ from rmpc_bench.models.uncertain_system import (
 from rmpc_bench.noise.distributions import Choice, Distribution, Uniform
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Channel, CompiledPlant, Motion, Period, Plant, Positive, Status, SystemMatrix, Term
+from rmpc_bench.types.plant import Generators, Inputs, Outputs, ParameterValues, States
 
 NAMES = ("x", "w", "v")
 
@@ -74,22 +75,23 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         """Set the defaults of the law and reject keys of other laws."""
-        random = self.law in ("uniform", "extremes")
-        own = {"fixed": ("value",), "greedy": ("against", "radius")}.get(self.law, ("low", "high", "per"))
-        for name in ("low", "high", "per", "value", "against", "radius"):
-            if name not in own and getattr(self, name) is not None:
-                raise ValueError(f"the law {self.law!r} has no {name}; it takes {', '.join(own)}")
-        for name, usual in (("low", -1.0), ("high", 1.0), ("per", "step")) if random else ():
+        for name in (each.name for each in fields(self)[1:] if getattr(self, each.name) is not None):
+            if name not in self._usual:
+                raise ValueError(f"the law {self.law!r} has no {name}; it takes {', '.join(self._usual)}")
+        for name, usual in self._usual.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, usual)
-        if random and self.bounds[0] > self.bounds[1]:
+        if self.bounds[0] > self.bounds[1]:
             raise ValueError(f"low ({self.bounds[0]:g}) must not exceed high ({self.bounds[1]:g})")
-        if self.law == "fixed" and self.value is None:
-            object.__setattr__(self, "value", 1.0)
         if self.law == "greedy" and not self.against:
             raise ValueError("against must name the method whose error the greedy law maximises")
-        if self.law == "greedy" and self.radius is None:
-            object.__setattr__(self, "radius", 1.0)
+
+    @property
+    def _usual(self) -> Mapping[str, float | str | None]:
+        """Keys of the law with their defaults."""
+        if self.law == "fixed":
+            return {"value": 1.0}
+        return {"against": None, "radius": 1.0} if self.law == "greedy" else {"low": -1.0, "high": 1.0, "per": "step"}
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -116,7 +118,7 @@ class Uncertainty:
             return {**dict.fromkeys(NAMES, 1.0), **given}
         return dict.fromkeys(NAMES, self.value or 0.0)
 
-    def draw(self, rngs: Sequence[np.random.Generator], n_samples: int, shapes: Sequence[tuple[int, int]]) -> Sequences:
+    def draw(self, rngs: Generators, n_samples: int, shapes: Sequence[tuple[int, int]]) -> Sequences:
         """Draw F_x, F_w and F_v of a block, with their shapes (r, s); all runs share the sequence of a fixed law.
 
         More samples extend a shorter draw without changing it.
@@ -223,9 +225,7 @@ class UncertainLinear(OfSystem, Plant):
         """Return the plant with an adversary's sequences (samples, r, s) of F_x, F_w, F_v."""
         return replace(self, worst=worst)
 
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> Sequences:
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> Sequences:
         """Draw the matrices F of a block."""
         if self.worst is not None:
             return Sequences(*(np.broadcast_to(F, (len(rngs), *F.shape)) for F in self.worst))
@@ -263,14 +263,7 @@ class UncertainLinear(OfSystem, Plant):
             total((m.Dw, w_rows), (m.H_Dw, seen_w), (m.Dv, v_rows), (m.H_Dv, seen_v)),  # (21)
         )
 
-    def step(
-        self,
-        k: int,
-        delta: Sequences,
-        x: Float[Array, "runs nx"],
-        u: Float[Array, "runs nu"],
-        w: Float[Array, "runs nx"],
-    ) -> Motion:
+    def step(self, k: int, delta: Sequences, x: States, u: Inputs, w: States) -> Motion:
         """Return x(k+1); ``w`` is w~ of `mix`."""
         m = self.system.at(k)
         x_next = mv(m.A, x) + w
@@ -280,9 +273,7 @@ class UncertainLinear(OfSystem, Plant):
             x_next += mv(m.B, u)
         return Motion(x_next, np.full(len(x), OK))
 
-    def output(
-        self, k: int, delta: Sequences, x: Float[Array, "runs nx"], v: Float[Array, "runs ny"], *u: Array
-    ) -> Float[Array, "runs ny"]:
+    def output(self, k: int, delta: Sequences, x: States, v: Outputs, *u: Array) -> Outputs:
         """Measure y(k); ``v`` is v~ of `mix`, and u(k) is needed with a D."""
         m = self.system.at(k)
         y = mv(m.C, x)

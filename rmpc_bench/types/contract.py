@@ -79,7 +79,9 @@ def undefined_methods(group: str, kind: type) -> list[str]:
 
 def _is_missing(made: Any, base: type, name: str) -> bool:
     """Whether a required method or attribute is still the one of the base class, which raises NotImplementedError."""
-    return name not in vars(made) and _defined(type(made), name) is _defined(base, name)
+    is_inherited = name not in vars(made) and _defined(type(made), name) is _defined(base, name)
+    # The sizes of a plant are those of its signals if these have names.
+    return is_inherited and not (name in ("nx", "nu", "ny") and made.signals is not None)
 
 
 def _defined(kind: type, name: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,18 @@ from rmpc_bench.types.ode import Ode
 from rmpc_bench.types.records import CompiledPlant, LinearPlant, Motion, Period
 from rmpc_bench.types.run_info import RunInfo
 from rmpc_bench.types.signals import NamedSignals
+
+States: TypeAlias = Float[Array, "runs nx"]
+Inputs: TypeAlias = Float[Array, "runs nu"]
+Outputs: TypeAlias = Float[Array, "runs ny"]
+Noises: TypeAlias = Float[Array, "runs _"]
+"""nw process noises or nv measurement noises of every run."""
+StateSteps: TypeAlias = Float[Array, "runs steps nx"]
+InputSteps: TypeAlias = Float[Array, "runs steps nu"]
+ParameterValues: TypeAlias = Mapping[str, Float[Array, " runs"]]
+"""Values of the parameters of every run, by name."""
+Generators: TypeAlias = Sequence[np.random.Generator]
+"""One generator per run."""
 
 
 class Line(NamedTuple):
@@ -56,8 +68,8 @@ class RecordedRuns(NamedTuple):
 class Plant(Design):
     """The true system: a frozen design that moves the states of many runs.
 
-    A subclass gives the sizes `nx`, `nu`, `ny`, the sampling time `Ts` and the methods `draw`, `step` and `output`.
-    Everything else has a default.
+    A subclass gives the sizes `nx`, `nu`, `ny`, or `signals`, the sampling time `Ts` and the methods `draw`, `step` and
+    `output`.  Everything else has a default.
 
     Examples
     --------
@@ -73,18 +85,18 @@ class Plant(Design):
 
     @attribute
     def nx(self) -> int:
-        """Number of states."""
-        raise NotImplementedError("nx")
+        """Number of states; those of `signals` unless a plant says otherwise."""
+        return _named(self, "nx")
 
     @attribute
     def nu(self) -> int:
-        """Number of inputs."""
-        raise NotImplementedError("nu")
+        """Number of inputs; those of `signals` unless a plant says otherwise."""
+        return _named(self, "nu")
 
     @attribute
     def ny(self) -> int:
-        """Number of outputs."""
-        raise NotImplementedError("ny")
+        """Number of outputs; those of `signals` unless a plant says otherwise."""
+        return _named(self, "ny")
 
     @attribute
     def Ts(self) -> float:
@@ -113,13 +125,13 @@ class Plant(Design):
 
     @attribute
     def units(self) -> Mapping[str, str]:
-        """Units of single components, counted from 0, such as ``{"y.2": "rad"}``."""
-        return {}
+        """Units of single components, counted from 0, such as ``{"y.2": "rad"}``; by default those of `signals`."""
+        return {} if self.signals is None else self.signals.component_units()
 
     @attribute
     def names(self) -> Mapping[str, str]:
-        """Names of single components, such as ``{"y.0": "level"}``; those without one are left out."""
-        return {}
+        """Names of single components, such as ``{"y.0": "level"}``; by default those of `signals`."""
+        return {} if self.signals is None else self.signals.component_names()
 
     @attribute
     def nominal(self) -> Mapping[str, float]:
@@ -204,7 +216,7 @@ class Plant(Design):
         """Whether an input has a bound, so that u(k) may differ from what the controller returns."""
         return self.signals is not None and self.signals.limits_inputs
 
-    def applied_inputs(self, u: Float[Array, "runs nu"], runs: RunInfo | None = None) -> Float[Array, "runs nu"]:
+    def applied_inputs(self, u: Inputs, runs: RunInfo | None = None) -> Float[Array, "runs nu"]:
         """Return what acts on the plant: the input of the controller within the bounds of `signals`."""
         return self.signals.limited_inputs(u, runs) if self.signals is not None and self.limits_inputs else u
 
@@ -230,7 +242,7 @@ class Plant(Design):
         return False
 
     def between(
-        self, delta: Any, x: Float[Array, "runs steps nx"], u: Float[Array, "runs steps nu"], parts: int, first: int = 0
+        self, delta: Any, x: StateSteps, u: InputSteps, parts: int, first: int = 0
     ) -> Float[Array, "runs steps parts nx"]:
         """Return the states at `parts` equally spaced times of every control period; see `has_between`.
 
@@ -247,9 +259,7 @@ class Plant(Design):
         raise NotImplementedError("between")
 
     @abstractmethod
-    def draw(
-        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
-    ) -> Any:
+    def draw(self, parameters: ParameterValues, rngs: Generators, n_steps: int) -> Any:
         """Fix what is uncertain for a block of runs.
 
         Parameters
@@ -264,25 +274,21 @@ class Plant(Design):
         """
         raise NotImplementedError("draw")
 
-    def start(self, delta: Any, x0: Float[Array, "runs nx"], runs: RunInfo) -> Any:
+    def start(self, delta: Any, x0: States, runs: RunInfo) -> Any:
         """Return the record ``delta`` of one method, with what the plant keeps of every run; see `starts_runs`."""
         return delta
 
-    def first_state(self, delta: Any, x0: Float[Array, "runs nx"]) -> Float[Array, "runs nx"]:
+    def first_state(self, delta: Any, x0: States) -> States:
         """Return x(0): the one of the section `initial` unless a recorded run has its own."""
         return x0
 
     @abstractmethod
-    def step(
-        self, k: int, delta: Any, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], w: Float[Array, "runs nw"]
-    ) -> Motion:
+    def step(self, k: int, delta: Any, x: States, u: Inputs, w: Noises) -> Motion:
         """Move to x(k+1)."""
         raise NotImplementedError("step")
 
     @abstractmethod
-    def output(
-        self, k: int, delta: Any, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
-    ) -> Float[Array, "runs ny"]:
+    def output(self, k: int, delta: Any, x: States, v: Noises) -> Outputs:
         """Measure y(k)."""
         raise NotImplementedError("output")
 
@@ -350,6 +356,13 @@ class Plant(Design):
     def plots(self) -> tuple[Panel, ...]:
         """Panels that show the plant itself, such as its friction; `describe --plot` draws them."""
         return ()
+
+
+def _named(plant: Plant, size: str) -> int:
+    """Return the number of states, inputs or outputs of a plant whose signals have names."""
+    if plant.signals is None:
+        raise NotImplementedError(size)
+    return int(getattr(plant.signals, size))
 
 
 class SignalLimits(NamedTuple):
