@@ -89,7 +89,8 @@ MAY_IMPORT = {
     },
     # A user's file is named before its code runs, for programs and notebooks too.
     "components": {"received", "registry", "installed", "extras", "notices", "types", "numerics", "models"},
-    "analysis": {"types"},
+    # An error is judged as by a metric.
+    "analysis": {"numerics", "types"},
     "claims": {"analysis", "expressions", "types"},
     # Pictures and tables are files.
     "figures": {"analysis", "types", "replaced_file", "notices"},

@@ -24,12 +24,13 @@ import numpy as np
 
 from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.comparison_text import MOST_RUNS, about
-from rmpc_bench.analysis.estimation_errors import normalised_squares, recorded_errors
+from rmpc_bench.analysis.estimation_errors import recorded_errors
 from rmpc_bench.analysis.intervals import Interval, student, wilson
 from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.superiority import runs_for_direction
 from rmpc_bench.analysis.traces import COVARIANCE
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.numerics.error_size import normalised_squares
 from rmpc_bench.types import Array
 
 CALIBRATED, OVERCONFIDENT, CONSERVATIVE, INCONCLUSIVE = "calibrated", "overconfident", "conservative", "inconclusive"
@@ -143,13 +144,8 @@ class _Shares:
         verdict = self.keys.verdict
         if not len(self.of(verdict)):
             finished = len(self.point.statuses(self.method)) - self.point.n_failed(self.method)
-            numbers = dict.fromkeys(COLUMNS, math.nan) | {
-                "method": self.method,
-                "of": "joint",
-                "level": verdict,
-                "n": 0,
-            }
-            yield numbers | {"verdict": "reports no covariance" if finished else "no finished run"}
+            row = dict.fromkeys(COLUMNS, math.nan) | {"method": self.method, "of": "joint", "level": verdict, "n": 0}
+            yield row | {"verdict": "reports no covariance" if finished else "no finished run"}
             return
         for of in ("joint", *states_of(self.point)):
             for p in self.keys.levels:

@@ -109,14 +109,11 @@ class Certificate(Metric):
         if _certifies(controller) and known.any():
             shared = {"shared": True} if self.noise == "shared" else {}
             rho, worst = controller.certificate(k, x_hat[known], self.starts, **shared)
-            values[known] = {"rho": rho, "worst": worst}.get(self.of, ratio(worst, rho))
+            with np.errstate(all="ignore"):
+                # Without noise nothing is added, and the bound is tight: 0/0 is 1.
+                excess = np.where(worst == rho, 1.0, worst / rho)
+            values[known] = {"rho": rho, "worst": worst, "excess": excess}[self.of]
         return values
-
-
-def ratio(worst: Float[Array, " runs"], rho: Float[Array, " runs"]) -> Float[Array, " runs"]:
-    """Return worst / rho, and 1 for 0/0: without noise nothing is added, and the bound is tight."""
-    with np.errstate(all="ignore"):
-        return np.where(worst == rho, 1.0, worst / rho)
 
 
 def _certifies(controller: Controller | None) -> TypeGuard[Controller]:

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
-from rmpc_bench.metrics.means import moving_mean
+from rmpc_bench.metrics.norms import moving_mean
 from rmpc_bench.types import Array, DesignError, Issue, MetricLayout, Positive, Record, WindowMetric, issues_of
 from rmpc_bench.types.angles import period_of, places, wrapped
 from rmpc_bench.types.errors import unknown

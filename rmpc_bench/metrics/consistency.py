@@ -13,11 +13,11 @@ from annotated_types import Gt, Lt
 from jaxtyping import Float
 
 from rmpc_bench.metrics.components import ComponentMetric, units_of
-from rmpc_bench.metrics.error_size import RANK, ROUNDING, SquaredSize, squared_size
-from rmpc_bench.metrics.estimate_checks import check_reported, check_state_lengths, estimate_error
-from rmpc_bench.metrics.means import time_mean
+from rmpc_bench.metrics.estimate_checks import check_reported, check_state_lengths, estimate_error, squared_size
+from rmpc_bench.metrics.norms import time_mean
 from rmpc_bench.metrics.sample import SignalComponent
 from rmpc_bench.numerics.ellipsoid import confidence
+from rmpc_bench.numerics.error_size import RANK, ROUNDING, NormalisedSquares
 from rmpc_bench.types import Array, DesignError, Direction, Issue, MetricLayout, Record, SampleWindow, WindowMetric
 from rmpc_bench.types.errors import issues_of
 
@@ -79,10 +79,10 @@ class Nees(ComponentMetric):
             return time_mean(values[:, :, None] / len(indices or range(error.shape[2])))
 
 
-def _squares(record: Record, P: Array, window: SampleWindow, states: list[int] | None = None) -> SquaredSize:
+def _squares(record: Record, P: Array, window: SampleWindow, states: list[int] | None = None) -> NormalisedSquares:
     """Return e' P^+ e in a window, computed once for all metrics."""
     key, part = ("squares", window, None if states is None else tuple(states)), P[..., window.slice, :, :]
-    found: SquaredSize = record.once(key, lambda: squared_size(record, window.slice, part, states))
+    found: NormalisedSquares = record.once(key, lambda: squared_size(record, window.slice, part, states))
     return found
 
 

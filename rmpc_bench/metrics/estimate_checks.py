@@ -1,13 +1,14 @@
-"""What metrics of estimates require of an estimator: as many components as the plant has states, P or M."""
+"""What metrics of estimates require of an estimator: x_hat with as many components as x, P or M; and its error."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.numerics.error_size import NormalisedSquares, normalised_squares
 from rmpc_bench.types import (
     Array,
     DesignError,
@@ -75,6 +76,20 @@ def estimate_error(record: Record) -> Float[Array, "runs samples nx"]:
     if record.x_hat.shape != record.x.shape:
         raise DesignError(_other_lengths("", record.x_hat.shape[2], record.x.shape[2]))
     return wrapped(record.x_hat - record.x, period_of(record.layout.angles, places("x", record.x.shape[2])))
+
+
+def squared_size(
+    record: Record,
+    samples: slice,
+    S: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"],
+    states: Sequence[int] | None = None,
+) -> NormalisedSquares:
+    """Return e' S^+ e with e = x_hat - x and the symmetric S of all runs or of each; `states` are those that count."""
+    size = np.maximum(np.abs(record.x), np.abs(record.x_hat)).max(axis=1)
+    e = estimate_error(record)[:, samples]
+    if states is not None:
+        e, S, size = e[..., states], S[..., states, :][..., states], size[:, states]
+    return normalised_squares(e, S, size[:, None, :])
 
 
 def _other_lengths(of: str, n_hat: int, n: int) -> str:

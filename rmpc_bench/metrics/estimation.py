@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from rmpc_bench.metrics.components import SumMetric
 from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error
-from rmpc_bench.metrics.means import mean_square
+from rmpc_bench.metrics.norms import mean_square
 from rmpc_bench.types import Array, Issue, MetricLayout, Record
 
 EQUATION = r"\frac{1}{N n_x} \sum_{k=0}^{N-1} \Vert \hat x_k - x_k \Vert^2"

@@ -13,8 +13,7 @@ from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import BurstMetric, burst_samples
 from rmpc_bench.metrics.components import SumMetric
-from rmpc_bench.metrics.means import mean_square, time_mean
-from rmpc_bench.metrics.norms import mean_sum, peak, per_run, rms
+from rmpc_bench.metrics.norms import mean_square, mean_sum, peak, per_run, rms, time_mean
 from rmpc_bench.types import Array, Record
 
 EQUATION = {
@@ -75,16 +74,11 @@ class InputRoughness(InputMetric):
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Compute the deviation of the increments."""
-        return deviation_of_increments(self.chosen(record.u[:, self.samples(record).slice], record.layout))
-
-
-def deviation_of_increments(u: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
-    """Return the standard deviation over time of u(k) - u(k-1), root mean square over inputs; 0 for one sample."""
-    increments = np.diff(u, axis=1)
-    if not increments.size:
-        return np.zeros(len(increments))
-    means = np.ascontiguousarray(increments.transpose(0, 2, 1)).mean(axis=2)
-    return np.sqrt(time_mean((increments - means[:, None, :]) ** 2))
+        increments = np.diff(self.chosen(record.u[:, self.samples(record).slice], record.layout), axis=1)
+        if not increments.size:
+            return np.zeros(len(increments))
+        means = np.ascontiguousarray(increments.transpose(0, 2, 1)).mean(axis=2)
+        return np.sqrt(time_mean((increments - means[:, None, :]) ** 2))
 
 
 @dataclass(frozen=True, kw_only=True)

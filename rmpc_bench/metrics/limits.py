@@ -48,12 +48,8 @@ class SignalMetric(WindowMetric):
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Find an unknown signal, an invalid window, and a plant without states between its samples."""
         issues = [*issues_of(signal_of, layout, self.of)]
-        if not issues:
-            issues = [*super().check(layout), *self._check_between(layout)]
-        yield from issues
-
-    def _check_between(self, layout: MetricLayout) -> Iterator[Issue]:
-        if not self.between:
+        yield from issues or super().check(layout)
+        if issues or not self.between:
             return
         if self.signal(layout).letter[0] == "u":
             yield Issue("between", "an input is constant between two samples; leave the key out")

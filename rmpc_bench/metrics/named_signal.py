@@ -124,10 +124,6 @@ def plant_of(record: Record) -> Plant:
     return record.layout.plant
 
 
-def _size(plant: Plant, letter: str) -> int:
-    return {"y": plant.ny, "x": plant.nx, "u": plant.nu}[letter[0]]
-
-
 def _components(letter: str, n: int) -> list[str]:
     return [letter, *(f"{letter}.{i}" for i in range(n))]
 
@@ -135,13 +131,11 @@ def _components(letter: str, n: int) -> list[str]:
 def _places(plant: Plant) -> Mapping[str, str]:
     """Return name of a component -> its place; a state goes before an input and an output of the same name."""
     found: dict[str, str] = {}
-    for letter in ("x", "u", "y"):
-        for place, name in plant.names.items():
-            if place.partition(".")[0] == letter:
-                found.setdefault(name, place)
+    for place, name in sorted(plant.names.items(), key=lambda item: "xuy".index(item[0][0])):
+        found.setdefault(name, place)
     return found
 
 
 def _known(plant: Plant) -> list[str]:
-    components = [name for letter in LETTERS for name in _components(letter, _size(plant, letter))]
+    components = [name for letter in LETTERS for name in _components(letter, getattr(plant, f"n{letter[0]}"))]
     return [*plant.extra_signals, *_places(plant), *components]

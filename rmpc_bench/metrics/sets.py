@@ -13,9 +13,8 @@ import numpy as np
 from annotated_types import Gt, Lt
 from jaxtyping import Float
 
-from rmpc_bench.metrics.error_size import squared_size
-from rmpc_bench.metrics.estimate_checks import ReportedMatrix, check_reported, check_state_lengths
-from rmpc_bench.metrics.means import time_mean
+from rmpc_bench.metrics.estimate_checks import ReportedMatrix, check_reported, check_state_lengths, squared_size
+from rmpc_bench.metrics.norms import time_mean
 from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
 from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Record, SampleWindow, WindowMetric
 

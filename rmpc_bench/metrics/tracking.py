@@ -16,8 +16,7 @@ from jaxtyping import Float
 from rmpc_bench.metrics.burst_samples import BurstMetric
 from rmpc_bench.metrics.components import ComponentMetric, SumMetric, output_error, smoothed
 from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error
-from rmpc_bench.metrics.means import mean_absolute, mean_square, time_mean
-from rmpc_bench.metrics.norms import NORMS, Norm, per_run
+from rmpc_bench.metrics.norms import NORMS, Norm, mean_absolute, mean_square, per_run, time_mean
 from rmpc_bench.types import (
     Array,
     DesignError,

@@ -5,8 +5,9 @@ import pytest
 from conftest import ROUND
 from scipy import stats
 
-from rmpc_bench.analysis.estimation_errors import ErrorMoments, average_of_moments, chi_square_band, normalised_squares
+from rmpc_bench.analysis.estimation_errors import ErrorMoments, average_of_moments, chi_square_band
 from rmpc_bench.metrics.consistency import Nees
+from rmpc_bench.numerics.error_size import normalised_squares
 from rmpc_bench.types import Record
 
 

@@ -11,7 +11,7 @@ from metrics.issue_checks import no_issue, only_issue
 from rmpc_bench.metrics.burst_samples import burst_samples, prolonged
 from rmpc_bench.metrics.departures import Departures
 from rmpc_bench.metrics.input import InputRms, InputVariation
-from rmpc_bench.metrics.means import moving_mean
+from rmpc_bench.metrics.norms import moving_mean
 from rmpc_bench.metrics.tracking import Rmse, Tracking
 from rmpc_bench.numerics.sample_times import at_least, at_most
 from rmpc_bench.types import MetricLayout, Record, SampleWindow

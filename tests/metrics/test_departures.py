@@ -9,7 +9,7 @@ from metrics.issue_checks import only_issue
 from simulation.toy import Walk
 
 from rmpc_bench.metrics.departures import Departures
-from rmpc_bench.metrics.means import moving_mean
+from rmpc_bench.metrics.norms import moving_mean
 from rmpc_bench.metrics.singular_poses import NearSingular
 from rmpc_bench.types import MetricLayout, Record
 
