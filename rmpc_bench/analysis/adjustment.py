@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import Interval, mean_interval, student
+from rmpc_bench.analysis.intervals import Interval, mean_interval, student, t_quantile
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.types import Array
 from rmpc_bench.types.metric import AdjustKeys
@@ -258,10 +258,8 @@ class Values(NamedTuple):
         low, high = student(self.values, level) if plain else mean_interval(self.values, level, seed)
         if self.df == len(self.values) - 1:
             return low, high
-        from scipy import special
-
-        middle, share = float(np.mean(self.values)), (1 + level) / 2
-        factor = float(special.stdtrit(self.df, share) / special.stdtrit(len(self.values) - 1, share))
+        middle = float(np.mean(self.values))
+        factor = t_quantile(self.df, level) / t_quantile(len(self.values) - 1, level)
         return middle + factor * (low - middle), middle + factor * (high - middle)
 
 

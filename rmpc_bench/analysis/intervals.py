@@ -20,6 +20,20 @@ FEW = 20
 """Untied pairs below which counts decide."""
 
 
+def t_quantile(df: float, confidence: float) -> float:
+    """Return the number below which the absolute value of Student's t lies with this probability."""
+    from scipy import special
+
+    return float(special.stdtrit(df, (1 + confidence) / 2))
+
+
+def normal_quantile(confidence: float) -> float:
+    """Return the same of a standard normal number."""
+    from scipy import special
+
+    return float(special.ndtri((1 + confidence) / 2))
+
+
 def standard_error(values: Array) -> float:
     """Compute the standard error of the mean; NaN below two values or where one is infinite."""
     if len(values) < 2 or not np.isfinite(values).all():
@@ -30,14 +44,12 @@ def standard_error(values: Array) -> float:
 
 def student(values: Array, confidence: float) -> Interval:
     """Student t interval of the mean of a sample (n,); NaN below two values or where one is infinite."""
-    from scipy import special
-
     se = standard_error(values)
     if math.isnan(se):
         return NONE
     with np.errstate(over="ignore"):
         mean = float(np.mean(values))
-    reach = float(special.stdtrit(len(values) - 1, (1 + confidence) / 2)) * se
+    reach = t_quantile(len(values) - 1, confidence) * se
     return mean - reach, mean + reach
 
 
@@ -46,8 +58,6 @@ def welch(a: Array, b: Array, confidence: float, df: tuple[float, float]) -> Int
 
     NaN below two values of either or where one is infinite; the difference itself where neither has spread.
     """
-    from scipy import special
-
     squares = standard_error(a) ** 2, standard_error(b) ** 2
     if math.isnan(sum(squares)):
         return NONE
@@ -55,21 +65,8 @@ def welch(a: Array, b: Array, confidence: float, df: tuple[float, float]) -> Int
     if not sum(squares):
         return gap, gap
     degrees = sum(squares) ** 2 / (squares[0] ** 2 / df[0] + squares[1] ** 2 / df[1])
-    reach = float(special.stdtrit(degrees, (1 + confidence) / 2)) * math.sqrt(sum(squares))
+    reach = t_quantile(degrees, confidence) * math.sqrt(sum(squares))
     return gap - reach, gap + reach
-
-
-def geometric(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
-    """Geometric mean of the ratios a/b and its interval, Student t on the logs, of positive, finite pairs.
-
-    All NaN for empty samples, the interval NaN below two pairs.
-    """
-    if not len(a):
-        return math.nan, NONE
-    logs = np.log(a) - np.log(b)
-    low, high = student(logs, confidence)
-    with np.errstate(over="ignore"):
-        return float(np.exp(np.mean(logs))), (float(np.exp(low)), float(np.exp(high)))
 
 
 def fieller(a: Array, b: Array, confidence: float) -> Interval:
@@ -78,12 +75,10 @@ def fieller(a: Array, b: Array, confidence: float) -> Interval:
     A factor c lies in it exactly where the Student interval of the mean of a - c b contains 0.  It is unbounded where
     the interval of the mean of b contains 0, NaN below two pairs.
     """
-    from scipy import special
-
     n = len(a)
     if n < 2:
         return NONE
-    covariance = np.cov(a, b) * (float(special.stdtrit(n - 1, (1 + confidence) / 2)) ** 2 / n)
+    covariance = np.cov(a, b) * (t_quantile(n - 1, confidence) ** 2 / n)
     mean_a, mean_b = float(np.mean(a)), float(np.mean(b))
     # c solves square c^2 - 2 half c + rest = 0.
     square, half, rest = mean_b**2 - covariance[1, 1], mean_a * mean_b - covariance[0, 1], mean_a**2 - covariance[0, 0]
@@ -95,11 +90,9 @@ def fieller(a: Array, b: Array, confidence: float) -> Interval:
 
 def wilson(k: float, n: int, confidence: float) -> Interval:
     """Wilson interval of a share k/n, NaN for no run; ties may count half in k, unlike in scipy's."""
-    from scipy import special
-
     if n == 0:
         return NONE
-    z = float(special.ndtri((1 + confidence) / 2))
+    z = normal_quantile(confidence)
     centre = (k + z * z / 2) / (n + z * z)
     reach = z * math.sqrt(k * (n - k) / n + z * z / 4) / (n + z * z)
     return max(0.0, centre - reach) if k else 0.0, min(1.0, centre + reach) if k < n else 1.0
@@ -238,9 +231,7 @@ def mean_interval(values: Array, confidence: float, seed: int) -> Interval:
     side of the long tail.  From `FEW` values on it takes the skewness to be larger by its standard error: the mean of a
     skewed law is most often wrong where a sample has, by chance, less skewness.
 
-    References
-    ----------
-    Hall, On the removal of skewness by transformation, J. R. Stat. Soc. B 54 (1992) 221.
+    Source: Hall, On the removal of skewness by transformation, J. R. Stat. Soc. B 54 (1992) 221.
     """
     low, high = student(values, confidence)
     if not FEWEST <= len(values) < MANY or abs(skewness(values)) <= SKEWED / 2:
@@ -254,14 +245,12 @@ def mean_interval(values: Array, confidence: float, seed: int) -> Interval:
 
 def _corrected_tail(values: Array, confidence: float) -> float:
     """Return how far the interval of skewed values reaches beyond Student's; negative at its lower end."""
-    from scipy import special
-
     n, found = len(values), skewness(values)
     # Without the bias that it has for a normal law.
     found *= math.sqrt(n * (n - 1)) / (n - 2)
     if n >= FEW:
         found += math.copysign(skewness_error(n), found)
-    t = float(special.stdtrit(n - 1, (1 + confidence) / 2))
+    t = t_quantile(n - 1, confidence)
     return found * (1 + 2 * t * t) / (6 * math.sqrt(n)) * standard_error(values)
 
 
@@ -294,9 +283,7 @@ def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
 
     Where too many resamples repeat one value, so that the ends of the interval would rest on them, it is Student's.
 
-    References
-    ----------
-    Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5.
+    Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5.
     """
     n = len(values)
     drawn = values[_resamples(n, seed)]

@@ -41,21 +41,11 @@ MANY = 1000
 
 
 def held_level(contributions: Array, confidence: float, seed: int) -> float:
-    """Return the level of each interval of a family.
+    """Return the level of each interval of a family, between the level `confidence` of all and that of Bonferroni.
 
-    Parameters
-    ----------
-    contributions : (n_runs, n_comparisons) numbers whose means are compared with 0, such as log ratios; NaN where a
-        pair is missing
-    confidence : level of the family, such as 0.95
-    seed : of the sign patterns
+    The contributions are (n_runs, n_comparisons) numbers whose means are compared with 0, such as log ratios; NaN where
+    a pair is missing.
 
-    Returns
-    -------
-    a level between `confidence` and that of Bonferroni
-
-    Examples
-    --------
     >>> held_level(np.array([[1.0], [2.0], [4.0]]), 0.95, seed=1)
     0.95
     """
@@ -107,8 +97,6 @@ def _flipped_sums(deviations: Array, seed: int) -> Iterator[Array]:
 def schedule(min_runs: int, max_runs: int) -> tuple[int, ...]:
     """Return the numbers of runs of planned looks: min_runs times powers of 2 below max_runs, and max_runs.
 
-    Examples
-    --------
     >>> schedule(100, 2000), schedule(100, 400)
     ((100, 200, 400, 800, 1600, 2000), (100, 200, 400))
     """
@@ -122,8 +110,6 @@ def schedule(min_runs: int, max_runs: int) -> tuple[int, ...]:
 def planned_level(confidence: float, n_looks: int) -> float:
     """Return the level of the intervals at each of so many planned looks.
 
-    Examples
-    --------
     >>> round(planned_level(0.95, 6), 4)
     0.9917
     """
@@ -150,8 +136,6 @@ def next_width_look(n: int, half_width: float, resolve: float, every: int, max_r
 def unplanned_level(confidence: float, look: int) -> float:
     """Return the level of the intervals at a look, the first being 1.
 
-    Examples
-    --------
     >>> [round(unplanned_level(0.95, look), 4) for look in (1, 2, 3)]
     [0.95, 0.9917, 0.9958]
     """
@@ -191,8 +175,6 @@ class PlannedLook(NamedTuple):
     def text(self) -> str:
         """The look in words, for the line below a table.
 
-        Examples
-        --------
         >>> PlannedLook(3, 6, 0.95).text
         'look 3 of 6, which together have the level 95 %'
         """

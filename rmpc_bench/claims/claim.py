@@ -166,12 +166,8 @@ _WITH_YEAR = re.compile(r".*\d{4}[a-z]?")
 def usual_parameters(paper: str | None) -> str:
     """Say where parameters come from that are neither tuned nor described in the configuration.
 
-    Parameters
-    ----------
-    paper : of the configuration; the key of a publication ends with its year, any other names a collection
+    The key of a publication ends with its year; any other `paper` names a collection.
 
-    Examples
-    --------
     >>> usual_parameters("zenere2018"), usual_parameters("examples"), usual_parameters(None)
     ('as published', 'default', 'default')
     """
@@ -184,8 +180,6 @@ _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 def printed_number(text: str) -> Decimal:
     """Read a number as printed, such as ``1,869.20``; its last digit, a zero included, says how exactly.
 
-    Examples
-    --------
     >>> printed_number("62,908"), printed_number("5.80")
     (Decimal('62908'), Decimal('5.80'))
     """
@@ -205,8 +199,6 @@ class Closeness(NamedTuple):
 def closeness(value: float, stated: Stated) -> Closeness:
     """Compare a number without Monte Carlo error with the printed one: equal if it rounds to the printed digits.
 
-    Examples
-    --------
     >>> [closeness(v, Stated("", 5.8, None, "", "5.8")).finding.value for v in (5.84, 5.851, 6.1)]
     ['equal', 'close', 'different']
     """

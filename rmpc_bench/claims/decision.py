@@ -14,13 +14,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import difference
+from rmpc_bench.analysis.intervals import difference, t_quantile
 from rmpc_bench.analysis.rounding import significant, without_noise
 from rmpc_bench.claims import grammar
 from rmpc_bench.claims.estimates import (
     ORDER,
     CornerSpread,
-    PseudoValues,
     estimates,
     level_spread,
     pseudo_values,
@@ -292,7 +291,8 @@ def entry_by_entry(
     values = None if of_order or unseen(link, evaluator, confidence) else pseudo_values(link, evaluator)
     if values is None:
         return UNKNOWN, place
-    bands = {shift: gap_band(values, confidence, evaluator.trials.seed, shift) for shift in (-1, 0, 1)}
+    gap, seed = difference(values.left, values.right), evaluator.trials.seed
+    bands = {shift: band(gap + shift * values.tolerance if shift else gap, confidence, seed) for shift in (-1, 0, 1)}
 
     def at(entry: tuple[int, ...]) -> BandSpread:
         return BandSpread({shift: (float(band.low[entry]), float(band.high[entry])) for shift, band in bands.items()})
@@ -316,7 +316,7 @@ def band(values: Array, confidence: float, seed: int) -> Band:
     squares = (deviation**2).sum(axis=0)
     varying = squares > 0
     # The band is never narrower than the interval of one entry.
-    factors = np.full(2, special.stdtrit(n - 1, (1 + confidence) / 2))
+    factors = np.full(2, t_quantile(n - 1, confidence))
     if n < FEW_GROUPS:
         factors[:] = special.stdtrit(n - 1, 1 - (1 - confidence) / (2 * max(int(varying.sum()), 1)))
     elif varying.any():
@@ -342,9 +342,3 @@ def _largest_t(deviation: Array, seed: int) -> Array:
             t = np.where(mean == 0, 0.0, mean / np.sqrt(variance))
         found.append(np.stack([t.max(axis=1), -t.min(axis=1)]))
     return np.concatenate(found, axis=1)
-
-
-def gap_band(values: PseudoValues, confidence: float, seed: int, shift: int = 0) -> Band:
-    """Compute the band of left - right + shift * tolerance."""
-    gap = difference(values.left, values.right)
-    return band(gap + shift * values.tolerance if shift else gap, confidence, seed)

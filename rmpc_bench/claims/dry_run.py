@@ -7,78 +7,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rmpc_bench.analysis.columns import Series
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import grammar
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoSample, NoValue
 from rmpc_bench.expressions.arithmetic import Node
-from rmpc_bench.types import Array, MetricInfo, ResultLayout
+from rmpc_bench.types import Array, MetricInfo, ResultLayout, Status
 
 _N_RUNS = 2
 _PLACES = ("at", "since", "upto", "entry", "quantile")
 """Functions whose second argument must lie in a range."""
 
 
-@dataclass(frozen=True)
-class PlaceholderResults:
-    """Ones and identity matrices in the layout of the results; an evaluator reads them as it reads `Trials`."""
+@dataclass(frozen=True, eq=False, repr=False)
+class PlaceholderResults(Trials):
+    """Ones and identity matrices in the layout of the results."""
 
-    layout: ResultLayout  # names and shapes that the results will have
-    known: frozenset[str]  # methods whose series have the shapes of the layout at this point
-    point: Mapping[str, str]  # point, keys: as those of `Trials`
-    keys: Mapping[str, str]
-    points: tuple[PlaceholderResults, ...] = ()  # the placeholder results of a sweep's points; empty for one of them
-    confidence: float = 0.95
-    seed: int = 0
-    is_random: bool = True
+    known: frozenset[str] = frozenset()  # methods whose series are known at this point
 
-    @property
-    def methods(self) -> Sequence[str]:
-        """Names of the methods."""
-        return tuple(self.keys)
-
-    @property
-    def metrics(self) -> Sequence[MetricInfo]:
-        """One record per column."""
-        return [MetricInfo(name, "", "") for name in self.layout.metrics]
-
-    @property
-    def each(self) -> Sequence[PlaceholderResults]:
-        """The placeholder results of all points."""
-        return self.points or (self,)
-
-    @property
-    def runs(self) -> Array:
-        """Indices of the runs."""
-        return np.arange(_N_RUNS)
-
-    def column(self, metric: str, method: str, /) -> Array:
-        """Ones for every metric and method."""
-        return np.ones(_N_RUNS)
-
-    def relevant_of(self, metric: str, *, default: float | None = None) -> float:
-        """No margin: placeholders are not compared."""
-        return 0.0
-
-    def n_failed(self, method: str, /) -> int:
+    def n_failed(self, method: str) -> int:
         """One, since a claim may divide by it."""
         return 1
 
-    def n_of(self, quantity: str, method: str, /) -> int:
-        """Count the runs from which a series is computed: none, as it is a placeholder."""
-        return 0
-
-    def run_groups(self, quantity: str, method: str, /) -> None:
-        """Return no groups of runs."""
-
-    def matrix_series(self, quantity: str, method: str, /) -> Array:
-        """Views of ones, and of the identity where entries are square; KeyError where there is no such series."""
-        if method not in self.known or method not in self.layout.arrays:
+    def matrix_series(self, quantity: str, method: str) -> Array:
+        """Return a series; a NoValue says that those of the method are not known."""
+        if method not in self.known:
             raise NoValue(f"the series of {method} are not known")
-        shape = self.layout.arrays[method][quantity]
-        if 0 in shape:
-            raise KeyError(quantity)
-        square = len(shape) == 3 and shape[1] == shape[2]
-        return np.broadcast_to(np.eye(shape[1]) if square else np.ones(shape[1:]), shape)
+        return super().matrix_series(quantity, method)
 
 
 def placeholder_results(layout: ResultLayout) -> PlaceholderResults:
@@ -87,16 +43,41 @@ def placeholder_results(layout: ResultLayout) -> PlaceholderResults:
     The series are those of the first point, known at another one of the methods that are the same there.
     """
     first = layout.trials[0]
-    tables = [
-        PlaceholderResults(
-            layout=layout,
-            known=frozenset(name for name, key in keys.items() if key == first.get(name)),
-            point=coordinates,
-            keys=keys,
+    tables = []
+    for point, keys in zip(layout.points, layout.trials, strict=True):
+        methods, known = tuple(keys), [name for name in layout.arrays if keys.get(name, "") == first.get(name)]
+        columns = {"method": np.repeat(np.array(methods, dtype=object), _N_RUNS)}
+        columns |= {"run": np.tile(np.arange(_N_RUNS), len(methods))}
+        columns |= {"status": np.full(len(columns["run"]), Status.OK.word, dtype=object)}
+        tables.append(
+            PlaceholderResults(
+                name="",
+                methods=methods,
+                labels={},
+                metrics=tuple(MetricInfo(name, "", "") for name in layout.metrics),
+                columns=columns | {name: np.ones(len(columns["run"])) for name in layout.metrics},
+                over_time=[
+                    Series(method, quantity, _ones(shape))
+                    for method in known
+                    for quantity, shape in layout.arrays[method].items()
+                    if 0 not in shape
+                ],
+                baseline="",
+                confidence=0.95,
+                relevant=0.0,
+                seed=0,
+                point=point,
+                keys=keys,
+                known=frozenset(known),
+            )
         )
-        for coordinates, keys in zip(layout.points, layout.trials, strict=True)
-    ]
     return replace(tables[0], points=tuple(tables))
+
+
+def _ones(shape: tuple[int, ...]) -> Array:
+    """Views of ones, and of the identity where entries are square."""
+    square = len(shape) == 3 and shape[1] == shape[2]
+    return np.broadcast_to(np.eye(shape[1]) if square else np.ones(shape[1:]), shape)
 
 
 def dry_run(node: Node, results: PlaceholderResults, at: Mapping[str, str], *, pooled: bool, short: bool) -> list[str]:
@@ -113,20 +94,15 @@ def dry_run(node: Node, results: PlaceholderResults, at: Mapping[str, str], *, p
             # The place depends on results.
             continue
         try:
-            _evaluate(statement, Evaluator(results, statement, at, pooled=pooled))
+            evaluator = Evaluator(results, statement, at, pooled=pooled)
+            for part in statement.links if isinstance(statement, grammar.Chain) else (statement,):
+                if isinstance(part, grammar.Link):
+                    evaluator.sides(part)
+                else:
+                    evaluator.number(part)
         except NoValue:
             continue
         except EvaluationError as error:
             if not (short and isinstance(error, NoSample)):
                 found.append(f"{getattr(statement, 'text', 'the size')}: {error}")
     return found
-
-
-def _evaluate(statement: Node, evaluator: Evaluator) -> None:
-    if isinstance(statement, grammar.Chain):
-        for link in statement.links:
-            evaluator.sides(link)
-    elif isinstance(statement, grammar.Link):
-        evaluator.sides(statement)
-    else:
-        evaluator.number(statement)

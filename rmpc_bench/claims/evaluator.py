@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from copy import copy
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from rmpc_bench.analysis.intervals import difference
-from rmpc_bench.analysis.traces import RunGroups
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import grammar
 from rmpc_bench.claims.values import (
     EvaluationError,
@@ -27,71 +26,13 @@ from rmpc_bench.claims.values import (
     of_matrix,
 )
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Number, Operation, Percent
-from rmpc_bench.types import Array, MetricInfo
+from rmpc_bench.types import Array
 from rmpc_bench.types.sweep_points import lies_at
 
 __all__ = ["EvaluationError", "Evaluator", "Value", "compare"]
 
 
-class Table(Protocol):
-    """What an evaluator reads of `Trials`, or of the placeholder results of a dry run, which do without pandas."""
-
-    @property
-    def methods(self) -> Sequence[str]:
-        """Names of the methods."""
-
-    @property
-    def metrics(self) -> Sequence[MetricInfo]:
-        """One record per column."""
-
-    @property
-    def point(self) -> Mapping[str, str]:
-        """Path -> value of the point of a sweep."""
-
-    @property
-    def keys(self) -> Mapping[str, str]:
-        """Method -> what identifies its trials."""
-
-    @property
-    def confidence(self) -> float:
-        """Level of the intervals."""
-
-    @property
-    def seed(self) -> int:
-        """Seed of the experiment."""
-
-    @property
-    def runs(self) -> Array:
-        """Indices of the runs."""
-
-    @property
-    def each(self) -> Sequence[Table]:
-        """The tables of all points."""
-
-    @property
-    def is_random(self) -> bool:
-        """Whether runs differ by chance."""
-
-    def column(self, metric: str, method: str, /) -> Array:
-        """Values of a metric over the runs, NaN where a run failed."""
-
-    def relevant_of(self, metric: str, *, default: float | None = None) -> float:
-        """Return the smallest difference of a metric that matters."""
-
-    def n_failed(self, method: str, /) -> int:
-        """Count the failed runs."""
-
-    def matrix_series(self, quantity: str, method: str, /) -> Array:
-        """Return a series, axis 0 = k."""
-
-    def n_of(self, quantity: str, method: str, /) -> int:
-        """Count the runs from which a series is computed; 0 where it is exact."""
-
-    def run_groups(self, quantity: str, method: str, /) -> RunGroups | None:
-        """Return groups of runs that can be left out of a moment."""
-
-
-def tables_of(trials: Table, term: grammar.Term, at: Mapping[str, str], *, pooled: bool) -> list[Table]:
+def tables_of(trials: Trials, term: grammar.Term, at: Mapping[str, str], *, pooled: bool) -> list[Trials]:
     """Points of a sweep that a term is about: one, or all that it leaves open where they are pooled."""
     wanted = {**at, **dict(term.point)}
     found = [table for table in trials.each if lies_at(table.point, wanted)]
@@ -119,7 +60,7 @@ class Evaluator:
     for terms that name none.  In a `pooled` one a term may be about several points, whose runs are taken together.
     """
 
-    def __init__(self, trials: Table, node: Node, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
+    def __init__(self, trials: Trials, node: Node, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
         self.trials, self.pooled = trials, pooled
         self.fixed: dict[Node, Value] = {}
         self._left_out: int | None = None

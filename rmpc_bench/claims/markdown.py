@@ -67,8 +67,6 @@ def _further(comparison: ComparisonResult) -> list[str]:
 def change_text(change: Change) -> str:
     """Write at which value of a number of the check the outcome changes.
 
-    Examples
-    --------
     >>> change_text(Change("factor", 0.28, 0.331)), change_text(Change("relative margin", 0.0, 0.132))
     ('outcome changes at factors from 0.28 to 0.331', 'equivalent within margins of 13.2 % or more')
     """

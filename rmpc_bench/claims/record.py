@@ -7,32 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from typing_extensions import TypedDict
 
 from rmpc_bench.analysis.intervals import Interval
 from rmpc_bench.analysis.rounding import significant
-from rmpc_bench.claims.claim import Claim
+from rmpc_bench.claims.claim import FINDINGS, Claim
 from rmpc_bench.claims.comparison import ComparisonResult
-from rmpc_bench.claims.decision import Change
 from rmpc_bench.claims.verdict import ClaimVerdict, Size
 
 # pydantic reads that of `typing` from Python 3.12 on.
 
-Word = Literal[
-    "confirmed",
-    "confirmed-smaller",
-    "confirmed-larger",
-    "partially-confirmed",
-    "inconclusive",
-    "depends-on-assumptions",
-    "not-confirmed",
-    "not-testable",
-    "equal",
-    "close",
-    "different",
-]
+Word: TypeAlias = Literal[FINDINGS]  # type: ignore[valid-type]
 """The words of `Finding`."""
 Decimal = float | Literal["inf", "-inf"]
 """A number with six significant digits; JSON has no infinity."""
@@ -206,7 +193,9 @@ def _kind(claim: Claim) -> Literal["statement of the paper", "additional result"
 
 def _numbers(comparison: ComparisonResult) -> NumbersRecord:
     comparison = comparison.rounded()
-    interval, change = comparison.interval, comparison.change
+    interval, change, changed = comparison.interval, comparison.change, None
+    if change is not None:
+        changed = ChangeRecord(of=change.kind, low=significant(change.low), high=significant(change.high))
     return {
         "text": comparison.text,
         "at": comparison.at or None,
@@ -218,15 +207,11 @@ def _numbers(comparison: ComparisonResult) -> NumbersRecord:
         "n_excluded": comparison.n_excluded,
         "k": comparison.k,
         "entry": None if comparison.entry is None else list(comparison.entry),
-        "change": None if change is None else _change(change),
+        "change": changed,
         "n_deciding": comparison.n_deciding,
         "exceptions": None if comparison.exceptions is None else significant(comparison.exceptions),
         "below_margin": comparison.below_margin or None,
     }
-
-
-def _change(change: Change) -> ChangeRecord:
-    return {"of": change.kind, "low": significant(change.low), "high": significant(change.high)}
 
 
 def _size(size: Size) -> SizeRecord:

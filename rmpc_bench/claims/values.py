@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rmpc_bench.analysis.ellipsoids import SINGULAR, Spectrum, are_finite, distances, symmetrised
 from rmpc_bench.analysis.intervals import difference, quantile
 from rmpc_bench.types import Array
+
+SINGULAR = 1e-12
+"""Share of the largest eigenvalue below which an eigenvalue counts as 0."""
+ASYMMETRIC = 1e-9
+"""Share of the largest entry that mirrored entries may differ by; text files and long recursions keep more digits."""
 
 
 class EvaluationError(Exception):
@@ -133,6 +138,27 @@ def of_matrix(name: str, value: Value) -> Value:
     return value.of(diagonal.sum(axis=-1) if name == "trace" else diagonal)
 
 
+class Spectrum(NamedTuple):
+    """Eigenvalues of a stack of symmetric matrices, with those apart that are 0 up to rounding."""
+
+    directions: Array  # (..., n, n) eigenvectors in the columns
+    kept: Array  # (..., n) whether the direction lies in the range
+    scale: Array  # (..., n) 1 / sqrt(eigenvalue); 0 for what is not kept
+    largest: Array  # (...) eigenvalue
+    finite: Array  # (...) whether the matrix is finite; the identity replaces the others here
+
+    @classmethod
+    def of(cls, name: str, matrices: Array) -> Spectrum:
+        """Decompose matrices (..., n, n), the last argument of a function."""
+        finite = np.isfinite(matrices).all(axis=(-2, -1))
+        values, directions = np.linalg.eigh(np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1])))
+        size = np.abs(values).max(axis=-1, keepdims=True)
+        if (values < -SINGULAR * size).any():
+            raise NoValue(f"the last argument of {name} has a negative eigenvalue, {values.min():.3g}")
+        kept = values > SINGULAR * size
+        return cls(directions, kept, kept / np.sqrt(np.where(kept, values, 1.0)), size[..., 0], finite)
+
+
 def excess(a: Value, b: Value) -> Value:
     """Compute the largest generalised eigenvalue, max z'az / z'bz: above 1 where b does not cover a.
 
@@ -140,8 +166,8 @@ def excess(a: Value, b: Value) -> Value:
     where an entry is missing.
     """
     a, b = aligned(_symmetric("excess", a), _symmetric("excess", b))
-    part = _spectrum("excess", b.array)
-    finite = are_finite(a.array)
+    part = Spectrum.of("excess", b.array)
+    finite = np.isfinite(a.array).all(axis=(-2, -1))
     inner = np.where(finite[..., None, None], a.array, 0.0)
     inner = np.swapaxes(part.directions, -2, -1) @ inner @ part.directions
     null = ~part.kept
@@ -158,24 +184,21 @@ def excess(a: Value, b: Value) -> Value:
 def distance(x: Value, centre: Value, P: Value) -> Value:
     """Compute sqrt((x - centre)' P^-1 (x - centre)): at most 1 in the ellipsoid of P.
 
-    Where P is singular it is inf if x - centre reaches outside its range, else the distance in the range.
+    Where P is singular it is inf if x - centre reaches outside its range, else the distance in the range; inf where an
+    entry of x - centre is infinite, NaN where one is missing.
     """
     gap, P = combine(difference, x, centre), _symmetric("distance", P)
     gap = gap if gap.entry else gap.of(gap.array[..., None])
     if P.entry != gap.entry * 2:
         raise EvaluationError(f"distance needs a vector and a matrix, got entries of shapes {gap.entry} and {P.entry}")
     gap, P = joined(gap, P)
-    try:
-        return gap.of(distances(gap.array, P.array))
-    except ValueError as error:
-        raise NoValue(f"the last argument of distance {error}") from None
-
-
-def _spectrum(name: str, matrices: Array) -> Spectrum:
-    try:
-        return Spectrum.of(matrices)
-    except ValueError as error:
-        raise NoValue(f"the last argument of {name} {error}") from None
+    part, finite = Spectrum.of("distance", P.array), np.isfinite(gap.array)
+    along = np.einsum("...ji,...j->...i", part.directions, np.where(finite, gap.array, 0.0))
+    limit = SINGULAR * np.maximum((along**2).max(axis=-1), part.largest)
+    outside = (along**2 * ~part.kept).max(axis=-1) > limit
+    found = np.where(outside, np.inf, np.sqrt(((along * part.scale) ** 2).sum(axis=-1)))
+    found = np.where(finite.all(axis=-1), found, np.inf)
+    return gap.of(np.where(np.isnan(gap.array).any(axis=-1) | ~part.finite, np.nan, found))
 
 
 def _symmetric(name: str, value: Value) -> Value:
@@ -183,10 +206,10 @@ def _symmetric(name: str, value: Value) -> Value:
     if value.entry:
         _check_square(name, value)
     array = value.array if value.entry else value.array[..., None, None]
-    try:
-        return value.of(symmetrised(array))
-    except ValueError:
-        raise NoValue(f"{name} needs symmetric matrices") from None
+    mirrored = np.swapaxes(array, -2, -1)
+    if (np.abs(array - mirrored) > ASYMMETRIC * np.abs(array).max(axis=(-2, -1), keepdims=True)).any():
+        raise NoValue(f"{name} needs symmetric matrices")
+    return value.of((array + mirrored) / 2)
 
 
 def _check_square(name: str, value: Value) -> None:

@@ -35,8 +35,6 @@ def all_of(parts: Sequence[Outcome]) -> Outcome:
 def over_list(parts: Sequence[Outcome]) -> Finding:
     """Join the parts of a statement that says all of them.
 
-    Examples
-    --------
     >>> [over_list(parts).value for parts in ([True, None], [True, False], [None, False])]
     ['inconclusive', 'partially-confirmed', 'not-confirmed']
     """
@@ -53,8 +51,6 @@ def needed(n_cases: int, holds_for: HoldsFor) -> int:
 def over_cases(cases: Sequence[Outcome], holds_for: HoldsFor) -> Finding:
     """Join the cases of a statement: ``any`` for "can", ``most`` for "usually", which is more than half of them.
 
-    Examples
-    --------
     >>> [over_cases(cases, HoldsFor.MOST).value for cases in ([True, True, None], [True, None], [False, None])]
     ['confirmed', 'inconclusive', 'not-confirmed']
     """
@@ -78,8 +74,6 @@ def over_interpretations(findings: Sequence[Finding]) -> Finding:
     Those that are not testable count only if all are.  A statement depends on what the paper leaves open only if at
     least one interpretation confirms it and the runs show that another one does not.
 
-    Examples
-    --------
     >>> over_interpretations([Finding.CONFIRMED, Finding.CONFIRMED_SMALLER]).value
     'confirmed'
     >>> over_interpretations([Finding.INCONCLUSIVE, Finding.NOT_CONFIRMED]).value

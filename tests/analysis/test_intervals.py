@@ -12,7 +12,6 @@ from scipy import stats
 
 from rmpc_bench.analysis.intervals import (
     difference,
-    geometric,
     holm,
     quantile,
     quantiles,
@@ -33,14 +32,6 @@ def test_student_by_hand():
     assert (low, high) == pytest.approx((2 - reach, 2 + reach), rel=1e-10)
     assert all(math.isnan(end) for end in student(np.array([1.0]), 0.95))
     assert all(math.isnan(end) for end in student(np.array([1.0, np.inf]), 0.95))
-
-
-def test_geometric_by_hand():
-    """Ratios 1/2, 1/8: geometric mean 1/4; tiny samples may have ends beyond the floats."""
-    mean, (low, high) = geometric(np.array([1.0, 1.0]), np.array([2.0, 8.0]), 0.95)
-    assert mean == pytest.approx(0.25, rel=ROUND)
-    assert low * high == pytest.approx(1 / 16, rel=1e-9)
-    assert geometric(np.array([1e-300, 1.0]), np.array([1e300, 1e-300]), 0.95)[1][1] == math.inf
 
 
 @given(st.integers(0, 40), st.integers(1, 40), st.sampled_from([0.9, 0.95]))
