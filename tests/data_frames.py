@@ -34,8 +34,8 @@ def comparison_frame(trials, of=None):
     return _frame(comparison.comparisons(trials, of), comparison.COLUMNS, comparison.WHOLE)
 
 
-def driver_frame(trials, **options):
-    return _frame(drivers.drivers(trials, **options), drivers.COLUMNS)
+def driver_frame(trials):
+    return _frame(drivers.drivers(trials), drivers.COLUMNS)
 
 
 def lost_frame(trials):

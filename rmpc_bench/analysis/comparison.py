@@ -8,8 +8,7 @@ have the level of the experiment one by one.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from rmpc_bench.analysis.adjustment import Values
 from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.intervals import FEW, NONE, Interval, holm, signed_rank_p
 from rmpc_bench.analysis.levels import held_level, unplanned_level
-from rmpc_bench.analysis.pairs import Pairs, pairs_of, two_way, worst_finished
+from rmpc_bench.analysis.pairs import Pairs, asked_for, pairs_of, two_way, worst_finished
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, significant, without_noise
 from rmpc_bench.analysis.superiority import (
     independent_shares,
@@ -34,104 +33,61 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import FACTOR, Evidence, Failures, Verdict, counts_decide, largest_share, verdict
 from rmpc_bench.types import Array, MetricInfo
 
+COLUMNS = (
+    "method baseline metric change_pct ci_low ci_high won lost tied superiority p_wilcoxon_holm n_pairs verdict "
+    "average ci_level geometric_pct geometric_low geometric_high mean_pct mean_low mean_high difference "
+    "difference_low difference_high superiority_low superiority_high failed_only baseline_failed_only failed_low "
+    "failed_high far_worse_runs far_worse_upper baseline_far_worse_runs baseline_far_worse_upper runs_for_direction "
+    "runs_for_equivalence look"
+).split()
+"""Columns of comparisons.csv, a row of which is a method against the baseline in one metric.
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """A method against the baseline in one metric; a row of comparisons.csv.
+method, baseline, metric : names
+change_pct, ci_low, ci_high : change from the baseline in per cent with its interval, in the average that `average`
+    names; NaN for a signed metric, and where an event did not occur.  The interval of an average is NaN where most
+    pairs are equal and fewer than 20 differ
+won, lost, tied : all runs of both; tied within the relevant difference; a failed run loses against a finished one
+superiority : P(better) + P(tied)/2 by the same rule
+p_wilcoxon_holm : signed-rank p after Holm as text, at most ``< 0.001``; empty without pairs
+n_pairs : runs that both finished; averages rest on them
+verdict : see `rmpc_bench.analysis.verdict`; empty but for the primary metric
+average : ``geometric`` mean of the ratios, ratio of the ``mean`` values, mean ``difference``, or empty
+ci_level : level of each interval of the row
+geometric_pct, geometric_low, geometric_high : geometric mean of the ratios - 1 [%]; NaN where it is not asked for
+mean_pct, mean_low, mean_high : ratio of the means - 1 [%]; NaN where it is not asked for
+difference, difference_low, difference_high : mean difference in the unit of a signed metric
+superiority_low, superiority_high : interval of `superiority`
+failed_only, baseline_failed_only : runs in which one of the two failed and the other did not; without pairs, see
+    `pairs.Samples`, its failed runs
+failed_low, failed_high : interval of the difference of the shares of failed runs
+far_worse_runs, far_worse_upper : runs that failed or are worse than their partner by a factor, that of
+    `statistics.lost` or 10, and the exact 95 % bound of their share; failed ones only for a signed metric, none
+    without a verdict
+baseline_far_worse_runs, baseline_far_worse_upper : the same of the baseline
+runs_for_direction : about how many runs would decide for better or worse, where the verdict is inconclusive
+runs_for_equivalence : about how many runs would show equivalence if there were no difference
+look : number of the look at the growing number of runs
+"""
+ADJUSTED = (
+    "rests_on geometric_adjusted_pct geometric_adjusted_low geometric_adjusted_high mean_adjusted_pct "
+    "mean_adjusted_low mean_adjusted_high difference_adjusted difference_adjusted_low difference_adjusted_high "
+    "adjusted_form adjusted_for width_ratio"
+).split()
+"""Columns of an adjustment; tables of experiments in which nothing is adjusted do not have them.
 
-    Parameters
-    ----------
-    method, baseline, metric : names
-    change_pct, ci_low, ci_high : change from the baseline in per cent with its interval, in the average that `average`
-        names; NaN for a signed metric, and where an event did not occur.  The interval of an average is NaN where most
-        pairs are equal and fewer than 20 differ
-    won, lost, tied : all runs of both; tied within the relevant difference; a failed run loses against a finished one
-    superiority : P(better) + P(tied)/2 by the same rule
-    p_wilcoxon_holm : signed-rank p after Holm as text, at most ``< 0.001``; empty without pairs
-    n_pairs : runs that both finished; averages rest on them
-    verdict : see `rmpc_bench.analysis.verdict`; empty but for the primary metric
-    average : ``geometric`` mean of the ratios, ratio of the ``mean`` values, mean ``difference``, or empty
-    ci_level : level of each interval of the row
-    geometric_pct, geometric_low, geometric_high : geometric mean of the ratios - 1 [%]; NaN where it is not asked for
-    mean_pct, mean_low, mean_high : ratio of the means - 1 [%]; NaN where it is not asked for
-    difference, difference_low, difference_high : mean difference in the unit of a signed metric
-    superiority_low, superiority_high : interval of `superiority`
-    failed_only, baseline_failed_only : runs in which one of the two failed and the other did not; without pairs, see
-        `pairs.Samples`, its failed runs
-    failed_low, failed_high : interval of the difference of the shares of failed runs
-    far_worse_runs, far_worse_upper : runs that failed or are worse than their partner by a factor, that of
-        `statistics.lost` or 10, and the exact 95 % bound of their share; failed ones only for a signed metric, none
-        without a verdict
-    baseline_far_worse_runs, baseline_far_worse_upper : the same of the baseline
-    runs_for_direction : about how many runs would decide for better or worse, where the verdict is inconclusive
-    runs_for_equivalence : about how many runs would show equivalence if there were no difference
-    look : number of the look at the growing number of runs
-    rests_on : ``adjusted`` or ``plain`` average, or ``counts``: what the verdict rests on, and `change_pct` with its
-        interval, which counts leave as they are; empty with `adjust: none`
-    geometric_adjusted_pct, .., mean_adjusted_pct, .., difference_adjusted, .. : averages adjusted for draws of known
-        law, see `rmpc_bench.analysis.adjustment`; NaN where there is none
-    adjusted_form, adjusted_for : form of the adjustment, and names of its quantities with blanks between them
-    width_ratio : width of the plain interval over that of the adjusted one, of the average that `average` names; inf
-        where the draws explain all differences
-    """
-
-    method: str
-    baseline: str
-    metric: str
-    change_pct: float = math.nan
-    ci_low: float = math.nan
-    ci_high: float = math.nan
-    won: int
-    lost: int
-    tied: int
-    superiority: float
-    p_wilcoxon_holm: str = ""
-    n_pairs: int
-    verdict: str
-    average: str = ""
-    ci_level: float
-    geometric_pct: float = math.nan
-    geometric_low: float = math.nan
-    geometric_high: float = math.nan
-    mean_pct: float = math.nan
-    mean_low: float = math.nan
-    mean_high: float = math.nan
-    difference: float = math.nan
-    difference_low: float = math.nan
-    difference_high: float = math.nan
-    superiority_low: float
-    superiority_high: float
-    failed_only: int
-    baseline_failed_only: int
-    failed_low: float
-    failed_high: float
-    far_worse_runs: float = math.nan
-    far_worse_upper: float = math.nan
-    baseline_far_worse_runs: float = math.nan
-    baseline_far_worse_upper: float = math.nan
-    runs_for_direction: float = math.nan
-    runs_for_equivalence: float = math.nan
-    look: int
-    rests_on: str = ""
-    geometric_adjusted_pct: float = math.nan
-    geometric_adjusted_low: float = math.nan
-    geometric_adjusted_high: float = math.nan
-    mean_adjusted_pct: float = math.nan
-    mean_adjusted_low: float = math.nan
-    mean_adjusted_high: float = math.nan
-    difference_adjusted: float = math.nan
-    difference_adjusted_low: float = math.nan
-    difference_adjusted_high: float = math.nan
-    adjusted_form: str = ""
-    adjusted_for: str = ""
-    width_ratio: float = math.nan
-
-
-COLUMNS = [field.name for field in fields(Comparison)]
-ADJUSTED = COLUMNS[COLUMNS.index("rests_on") :]
-"""Columns of an adjustment; tables of experiments in which nothing is adjusted do not have them."""
+rests_on : ``adjusted`` or ``plain`` average, or ``counts``: what the verdict rests on, and `change_pct` with its
+    interval, which counts leave as they are; empty with `adjust: none`
+geometric_adjusted_pct, .., mean_adjusted_pct, .., difference_adjusted, .. : averages adjusted for draws of known
+    law, see `rmpc_bench.analysis.adjustment`; NaN where there is none
+adjusted_form, adjusted_for : form of the adjustment, and names of its quantities with blanks between them
+width_ratio : width of the plain interval over that of the adjusted one, of the average that `average` names; inf
+    where the draws explain all differences
+"""
+COLUMNS += ADJUSTED
+TEXTS = ("p_wilcoxon_holm", "verdict", "average", "rests_on", "adjusted_form", "adjusted_for")
+"""Columns that are empty, and not NaN, where there is nothing to say."""
 WHOLE = ["far_worse_runs", "baseline_far_worse_runs", "runs_for_direction", "runs_for_equivalence"]
-"""Whole numbers that may be missing: NaN in a `Comparison`, None in its row."""
+"""Whole numbers that may be missing: None in the row."""
 IN_PAIRS: dict[str, Any] = dict.fromkeys(("won", "lost", "tied", "n_pairs")) | {"p_wilcoxon_holm": ""}
 IN_PAIRS |= dict.fromkeys(("superiority", "superiority_low", "superiority_high"), math.nan)
 """Columns that runs without pairs do not have, with the cells that they have then."""
@@ -205,40 +161,37 @@ def _adjusted(point: Trials, pairs: Pairs, plain: Mapping[str, Values]) -> dict[
 
 def _averages(point: Trials, pairs: Pairs) -> dict[str, Values]:
     """Return the plain averages that are asked for, the one that the verdict rests on first."""
-    found = pairs.averages()
-    if point.average != "both":
-        found = {name: values for name, values in found.items() if name in (point.average, "difference")} or found
-    ordered, runs = sorted(found.items(), key=lambda item: item[0] != point.headline), pairs.runs[pairs.both]
-    return {name: pairs.values_of(values, runs) for name, values in ordered}
+    found, runs = asked_for(pairs.averages(), point), pairs.runs[pairs.both]
+    return {name: pairs.values_of(values, runs) for name, values in found.items()}
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def comparisons(trials: Trials, of: Levels | None = None) -> Rows:
-    """Compare every method with the baseline, run by run: the fields of `Comparison` per metric and method."""
+    """Compare every method with the baseline, run by run: a row of `COLUMNS` per metric and method."""
     of = of or levels(trials)
     rows: list[dict[str, Any]] = []
     for info in trials.metrics:
         family = compared(trials, info, of)
         adjusted = holm([signed_rank_p(pairs.ranked()) for pairs, _ in family])
-        rows += [asdict(row) | {"p_wilcoxon_holm": p_text(p)} for (_, row), p in zip(family, adjusted, strict=True)]
+        rows += [row | {"p_wilcoxon_holm": p_text(p)} for (_, row), p in zip(family, adjusted, strict=True)]
     rows = [row | {name: None if math.isnan(row[name]) else int(row[name]) for name in WHOLE} for row in rows]
     return [row | IN_PAIRS for row in rows] if trials.unpaired else rows
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def compared(trials: Trials, info: MetricInfo, of: Levels) -> list[tuple[Pairs, Comparison]]:
+def compared(trials: Trials, info: MetricInfo, of: Levels) -> list[tuple[Pairs, dict[str, Any]]]:
     """Compare every method with the baseline in one metric, without the signed-rank test."""
     methods = [method for method in trials.methods if method != trials.baseline]
     family = [(method, pairs_of(trials, method, info)) for method in methods]
     return [(pairs, _compare(trials, method, info, pairs, of)) for method, pairs in family]
 
 
-def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels) -> Comparison:
+def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels) -> dict[str, Any]:
     is_primary = info == trials.primary_info and trials.with_verdicts
     level = of.held if is_primary else of.plain
     plain, scores = _averages(trials, pairs), pairs.scores
     averages = plain | _adjusted(trials, pairs, plain)
-    won, lost, tied = _counts(scores)
+    counts = counts_of(scores)
     of_plain = _intervals(trials, plain, level)
     intervals = of_plain | _intervals(
         trials, {name: averages[name] for name in averages if averages[name].basis}, level
@@ -259,31 +212,31 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
             first = next((each.values for each in averages.values()), scores)
             planning = _planning(first, pairs, averages, word, level)
         planning |= {} if trials.unpaired else _far_worse_columns(pairs, trials.lost or FACTOR)
-    low, high = superiority_interval(won, lost, tied, level)
-    return Comparison(
-        method=method,
-        baseline=trials.baseline,
-        metric=info.name,
-        won=won,
-        lost=lost,
-        tied=tied,
-        superiority=superiority(won, lost, tied),
-        n_pairs=int(pairs.both.sum()),
-        verdict=str(word),
-        average=next(iter(averages), ""),
-        ci_level=level,
-        superiority_low=low,
-        superiority_high=high,
-        failed_only=pairs.failed[0],
-        baseline_failed_only=pairs.failed[1],
-        failed_low=failed[0],
-        failed_high=failed[1],
-        look=trials.look,
-        **_sizes(plain, {} if pairs.rarely_differ else of_plain, pairs.scale())
-        | _adjusted_columns(pairs, averages, intervals, of_plain),
-        rests_on=_rests_on(trials, pairs, averages, evidence),
-        **planning,  # type: ignore[arg-type]
-    )
+    return {
+        **dict.fromkeys(COLUMNS, math.nan),
+        **dict.fromkeys(TEXTS, ""),
+        "method": method,
+        "baseline": trials.baseline,
+        "metric": info.name,
+        **_named(("won", "lost", "tied"), counts),
+        "superiority": superiority(*counts),
+        "n_pairs": int(pairs.both.sum()),
+        "verdict": str(word),
+        "average": next(iter(averages), ""),
+        "ci_level": level,
+        **_named(("superiority_low", "superiority_high"), superiority_interval(*counts, level)),
+        **_named(("failed_only", "baseline_failed_only"), pairs.failed),
+        **_named(("failed_low", "failed_high"), failed),
+        "look": trials.look,
+        **_sizes(plain, {} if pairs.rarely_differ else of_plain, pairs.scale(), adjusted=False),
+        **_adjusted_columns(pairs, averages, intervals, of_plain),
+        "rests_on": _rests_on(trials, pairs, averages, evidence),
+        **planning,
+    }
+
+
+def _named(names: Sequence[str], cells: Iterable[Any]) -> dict[str, Any]:
+    return dict(zip(names, cells, strict=True))
 
 
 def _far_worse_columns(pairs: Pairs, factor: float) -> dict[str, float]:
@@ -310,20 +263,14 @@ def _adjusted_columns(
     pairs: Pairs, averages: Mapping[str, Values], intervals: Mapping[str, Interval], plain: Mapping[str, Interval]
 ) -> dict[str, Any]:
     """Return the adjusted averages and, where the first one is adjusted, form, quantities and gain."""
-    found: dict[str, Any] = {}
-    for number, (name, each) in enumerate(averages.items()):
-        if each.basis is None:
-            continue
-        sizes = _sizes({name: each}, intervals, pairs.scale(), "_adjusted")
-        if number:
-            sizes = {key: size for key, size in sizes.items() if key.startswith(name)}
-        else:
-            half, of_plain = (np.ptp(ends[name]) for ends in (intervals, plain))
-            ratio = of_plain / half if half > NEGLIGIBLE * of_plain else math.inf if of_plain else 1.0
-            found |= {"adjusted_form": each.basis.form, "width_ratio": significant(float(ratio), 3)}
-            found |= {"adjusted_for": " ".join(quantity.name for quantity in each.basis.quantities)}
-        found |= sizes
-    return found
+    found: dict[str, Any] = _sizes(averages, intervals, pairs.scale(), adjusted=True)
+    name, first = next(iter(averages.items()), ("", None))
+    if first is None or first.basis is None:
+        return found
+    width, of_plain = (float(np.ptp(ends[name])) for ends in (intervals, plain))
+    ratio = of_plain / width if width > NEGLIGIBLE * of_plain else math.inf if of_plain else 1.0
+    quantities = " ".join(quantity.name for quantity in first.basis.quantities)
+    return found | _named(ADJUSTED[-3:], (first.basis.form, quantities, significant(ratio, 3)))
 
 
 def _evidence(pairs: Pairs, intervals: Mapping[str, tuple[float, float]], scores: Array, level: float) -> Evidence:
@@ -337,32 +284,34 @@ def _evidence(pairs: Pairs, intervals: Mapping[str, tuple[float, float]], scores
         margin=pairs.margin,
         n_pairs=int(pairs.both.sum()),
         n_untied=int(np.count_nonzero(pairs.scores[pairs.both])),
-        superiority=superiority_interval(*_counts(scores), level),
+        superiority=superiority_interval(*counts_of(scores), level),
         other=ends[1] if len(ends) > 1 else NONE,
     )
 
 
-def _counts(scores: Array) -> tuple[int, int, int]:
+def counts_of(scores: Array) -> tuple[int, int, int]:
     """Count the runs won, lost and tied."""
     won, lost = int(np.count_nonzero(scores > 0)), int(np.count_nonzero(scores < 0))
     return won, lost, len(scores) - won - lost
 
 
 def _sizes(
-    averages: Mapping[str, Values], intervals: Mapping[str, Interval], scale: float, kind: str = ""
-) -> dict[str, float]:
-    """Return the averages with their intervals: in per cent, or in the unit of a signed metric."""
-    found: dict[str, float] = {}
+    averages: Mapping[str, Values], intervals: Mapping[str, Interval], scale: float, *, adjusted: bool
+) -> dict[str, Any]:
+    """Return the averages, or the adjusted ones, with intervals: in per cent, or in the unit of a signed metric."""
+    found: dict[str, Any] = {}
     for n, (name, each) in enumerate(averages.items()):
-        ends, stem = (float(each.values.mean()), *intervals.get(name, NONE)), f"{name}{kind}"
+        if adjusted and each.basis is None:
+            continue
+        ends, stem = (float(each.values.mean()), *intervals.get(name, NONE)), f"{name}{'_adjusted' * adjusted}"
         if name == "difference":
             names = (stem, f"{stem}_low", f"{stem}_high")
-            found |= {key: without_noise(end, scale) for key, end in zip(names, ends, strict=True)}
+            found |= _named(names, (without_noise(end, scale) for end in ends))
             continue
         per_cent = [float(100 * np.expm1(end)) for end in ends]
-        found |= dict(zip((f"{stem}_pct", f"{stem}_low", f"{stem}_high"), per_cent, strict=True))
+        found |= _named((f"{stem}_pct", f"{stem}_low", f"{stem}_high"), per_cent)
         if n == 0:
-            found |= dict(zip(("change_pct", "ci_low", "ci_high"), per_cent, strict=True))
+            found |= _named(("change_pct", "ci_low", "ci_high"), per_cent)
     return found
 
 
@@ -384,7 +333,7 @@ def _planning(
         least = math.ceil(FEW * n_runs / untied) if averages and untied else 0
         found["runs_for_equivalence"] = float(np.maximum(found["runs_for_equivalence"], FEW))
         found["runs_for_direction"] = float(np.maximum(found["runs_for_direction"], least))
-        if not math.isnan(by_count := runs_for_count(*_counts(pairs.scores), level)):
+        if not math.isnan(by_count := runs_for_count(*counts_of(pairs.scores), level)):
             found = {"runs_for_equivalence": math.nan, "runs_for_direction": by_count}
     # The runs at hand did not decide, for another reason than the spread; no such number of runs is given.
     return {name: n if n_runs < n < MANY else math.nan for name, n in found.items()}

@@ -35,21 +35,22 @@ def size_text(row: Mapping[str, Any], info: MetricInfo, average: str = "") -> st
 
 def change_of(row: Mapping[str, Any], average: str = "") -> Estimate:
     """Return the change of a comparison with its interval, adjusted where it can be; of another average if given."""
-    names = ("change_pct", "ci_low", "ci_high")
-    if row["average"] == "difference" or average:
-        stem, size = (average, "_pct") if average else ("difference", "")
-        is_adjusted = not math.isnan(row.get(f"{stem}_adjusted{size}", math.nan))
-        stem += "_adjusted" * is_adjusted
-        names = (f"{stem}{size}", f"{stem}_low", f"{stem}_high")
-    return Estimate(*(float(row[name]) for name in names))
+    if row["average"] != "difference" and not average:
+        return Estimate(*(float(row[name]) for name in ("change_pct", "ci_low", "ci_high")))
+    stem, size = (average, "_pct") if average else ("difference", "")
+    is_adjusted = not math.isnan(row.get(f"{stem}_adjusted{size}", math.nan))
+    return _estimate(row, stem + "_adjusted" * is_adjusted, size)
+
+
+def _estimate(row: Mapping[str, Any], stem: str, size: str) -> Estimate:
+    return Estimate(*(float(row[name]) for name in (f"{stem}{size}", f"{stem}_low", f"{stem}_high")))
 
 
 def plain_change_of(row: Mapping[str, Any]) -> Estimate:
     """Return the change of an adjusted comparison as it is without the adjustment; NaN for any other."""
     if not row.get("adjusted_form"):
         return Estimate()
-    stem, size = ("difference", "") if row["average"] == "difference" else (row["average"], "_pct")
-    return Estimate(*(float(row[name]) for name in (f"{stem}{size}", f"{stem}_low", f"{stem}_high")))
+    return _estimate(row, row["average"], "" if row["average"] == "difference" else "_pct")
 
 
 def adjusted_for(row: Mapping[str, Any]) -> str:

@@ -9,19 +9,17 @@ one, which may explain in its place.  Below `FEWEST` runs nothing is resolved.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import asdict, dataclass, fields
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rmpc_bench.analysis.columns import Rows, rows_at
 from rmpc_bench.analysis.responses import (
-    Region,
+    SHARE,
     RegionMean,
     Response,
-    Shares,
     most_failures,
     regions,
     response_of,
@@ -43,54 +41,32 @@ REST = "(rest)"
 FAILED = "failed"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Driver:
-    """What one uncertain quantity does to one method; a row of drivers.csv.
+COLUMNS = (
+    "method metric response quantity share share_low share_high resolved n n_failed surface unit worst_part worst_from "
+    "worst_to worst_n worst worst_low worst_high overall differs"
+).split()
+"""Columns of drivers.csv, a row of which says what one uncertain quantity does to one method.
 
-    Parameters
-    ----------
-    method, metric : names
-    response : what is explained, such as ``log ratio``; ``failed`` in the row of the failed runs
-    quantity : name of the uncertain quantity; ``(rest)`` for what no quantity explains
-    share, share_low, share_high : share of the variance of the response with its interval; NaN where it is not computed
-    resolved : whether the interval excludes 0, or lies below 5 % without another quantity that is correlated, from at
-        least 50 runs
-    n, n_failed : runs with a response, and runs in which the method or its baseline failed
-    surface : terms of the response surface: ``quadratic``, ``without interactions``, ``linear``; empty for none
-    unit : of `worst` and `overall`: % for ratios and shares, percentage points for differences of shares, else that of
-        the metric
-    worst_part : fifth of the quantity with the worst mean response, such as ``lowest``; empty for a single value
-    worst_from, worst_to : smallest and largest value of the quantity in it
-    worst_n : its runs
-    worst, worst_low, worst_high : mean response in it, with its interval, simultaneous for all fifths
-    overall : mean response of all runs
-    differs : whether that interval lies on the worse side of the mean of all runs
-    """
-
-    method: str
-    metric: str
-    response: str
-    quantity: str
-    share: float = math.nan
-    share_low: float = math.nan
-    share_high: float = math.nan
-    resolved: bool = False
-    n: int
-    n_failed: int
-    surface: str = ""
-    unit: str = ""
-    worst_part: str = ""
-    worst_from: float = math.nan
-    worst_to: float = math.nan
-    worst_n: int = 0
-    worst: float = math.nan
-    worst_low: float = math.nan
-    worst_high: float = math.nan
-    overall: float = math.nan
-    differs: bool = False
-
-
-COLUMNS = [field.name for field in fields(Driver)]
+method, metric : names
+response : what is explained, such as ``log ratio``; ``failed`` in the row of the failed runs
+quantity : name of the uncertain quantity; ``(rest)`` for what no quantity explains
+share, share_low, share_high : share of the variance of the response with its interval; NaN where it is not computed
+resolved : whether the interval excludes 0, or lies below 5 % without another quantity that is correlated, from at
+    least 50 runs
+n, n_failed : runs with a response, and runs in which the method or its baseline failed
+surface : terms of the response surface: ``quadratic``, ``without interactions``, ``linear``; empty for none
+unit : of `worst` and `overall`: % for ratios and shares, percentage points for differences of shares, else that of
+    the metric
+worst_part : fifth of the quantity with the worst mean response, such as ``lowest``; empty for a single value
+worst_from, worst_to : smallest and largest value of the quantity in it
+worst_n : its runs
+worst, worst_low, worst_high : mean response in it, with its interval, simultaneous for all fifths
+overall : mean response of all runs
+differs : whether that interval lies on the worse side of the mean of all runs
+"""
+_UNKNOWN = {"resolved": False, "surface": "", "worst_part": "", "worst_n": 0, "differs": False}
+_EMPTY: dict[str, Any] = dict.fromkeys(COLUMNS, math.nan) | _UNKNOWN
+"""A row of which nothing is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,131 +104,78 @@ def inputs(trials: Trials) -> Inputs:
     return Inputs({name: column for name, column in values.items() if name not in constant}, tuple(constant))
 
 
-def drivers(trials: Trials, info: MetricInfo | None = None, *, with_regions: bool = True) -> Rows:
+def drivers(trials: Trials) -> Rows:
     """Compute the drivers of every method: a row per quantity, one for the rest, one that says where it fails."""
-    metric, found = info or trials.primary_info, inputs(trials)
-    rows: list[Driver] = []
-    if metric is not None and found.values:
-        responses = [response_of(trials, method, metric) for method in trials.methods]
-        computed = _computed(trials, responses, found)
-        inside: dict[bytes, _Varied] = {}
-        for response in responses:
-            fit = computed.get(response.method)
-            worst: dict[str, RegionMean] = {}
-            shared: set[str] = set()
-            if fit is not None:
-                known = response.known
-                # Methods with responses in the same runs have the same regions.
-                varied = inside.setdefault(known.tobytes(), _Varied(found, known))
-                shared = varied.shared
-                worst = varied.worst(response, metric, trials.confidence) if with_regions else {}
-            failed = trials.failed(response.method) | trials.failed(trials.baseline)
-            rows += _rows(response, metric, found, fit, worst, shared, int(failed.sum()))
-            rows += _failure_row(trials, response, metric, found) if with_regions else ()
-    return [asdict(row) for row in rows]
+    info, found = trials.primary_info, inputs(trials)
+    rows: list[dict[str, Any]] = []
+    if info is None or not found.values:
+        return rows
+    responses = [response_of(trials, method, info) for method in trials.methods]
+    computed = _computed(trials, info, responses, found)
+    for response in responses:
+        failed = trials.failed(response.method) | trials.failed(trials.baseline)
+        row = _EMPTY | {
+            "method": response.method,
+            "metric": info.name,
+            "response": response.kind,
+            "n": int(response.known.sum()),
+            "n_failed": int(failed.sum()),
+            "unit": response.unit(info),
+        }
+        cells = computed.get(response.method, {})
+        rows += [row | {"quantity": name} | cells.get(name, {}) for name in [*found.values, REST]]
+        rows += _failure_row(trials, response.method, info, found)
+    return rows
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """Shares of one method: (quantities + 1,) arrays."""
-
-    form: str
-    value: Array
-    low: Array
-    high: Array
+_Cells = dict[str, dict[str, dict[str, Any]]]
+"""Method -> quantity -> cells of its share, and of the region where the method does worst."""
 
 
-def _computed(trials: Trials, responses: Sequence[Response], found: Inputs) -> dict[str, _Fit]:
-    """Compute the shares of all methods; those with responses in the same runs together."""
+def _computed(trials: Trials, info: MetricInfo, responses: Sequence[Response], found: Inputs) -> _Cells:
+    """Compute the cells of all methods; those with responses in the same runs together."""
     groups: dict[bytes, list[Response]] = {}
     for response in responses:
         if response.has_spread and response.known.sum() >= FEWEST:
             groups.setdefault(response.known.tobytes(), []).append(response)
-    fits: dict[str, _Fit] = {}
+    cells: _Cells = {}
     for group in groups.values():
-        known = group[0].known
-        columns = [column[known] for column in found.values.values()]
-        varying = [place for place, column in enumerate(columns) if not _is_constant(column)]
-        values = standardised(np.column_stack([columns[place] for place in varying]))
-        surface = surface_for(values)
-        if surface is None:
-            continue
-        matrix = np.column_stack([response.values[known] for response in group])
-        of = shares(values, matrix, surface, trials.confidence, trials.seed)
-        places = [*varying, len(columns)]
-        for number, response in enumerate(group):
-            fits[response.method] = _Fit(surface.form, *_placed(of, number, places, len(columns) + 1))
-    return fits
+        columns = {name: column[group[0].known] for name, column in found.values.items()}
+        cells |= _of_group(trials, info, group, columns)
+    return cells
 
 
-def _placed(of: Shares, number: int, places: Sequence[int], length: int) -> Iterator[Array]:
-    """Yield value, low and high of one response, 0 for quantities that are constant in the runs that are left."""
-    for part in of:
-        column = np.zeros(length)
-        column[list(places)] = [without_noise(float(entry), 1.0) for entry in part[number]]
-        yield column
-
-
-class _Varied:
-    """The uncertain quantities in the runs that have a response; what is found of them once for several methods."""
-
-    def __init__(self, found: Inputs, known: Array) -> None:
-        self._found, self._known = found, known
-
-    @cached_property
-    def _values(self) -> dict[str, Array]:
-        return {name: column[self._known] for name, column in self._found.values.items()}
-
-    @cached_property
-    def _regions(self) -> list[Region]:
-        return list(regions(self._values))
-
-    @cached_property
-    def shared(self) -> set[str]:
-        """Quantities that are correlated with another one."""
-        return {name for pair in _correlated(self._values) for name in pair}
-
-    def worst(self, response: Response, info: MetricInfo, confidence: float) -> dict[str, RegionMean]:
-        """Find where a response is worst; quantity -> region."""
-        higher, numbers = info.direction == "higher", response.values[self._known]
-        return worst_means(
-            self._values, numbers, confidence, higher=higher, interval=response.interval, parts=self._regions
+def _of_group(trials: Trials, info: MetricInfo, group: Sequence[Response], columns: Mapping[str, Array]) -> _Cells:
+    varying = [name for name, column in columns.items() if not _is_constant(column)]
+    values = standardised(np.column_stack([columns[name] for name in varying]))
+    surface = surface_for(values)
+    if surface is None:
+        return {}
+    numbers = [response.values[response.known] for response in group]
+    of = shares(values, np.column_stack(numbers), surface, trials.confidence, trials.seed)
+    parts, shared = list(regions(columns)), {name for pair in _correlated(columns) for name in pair}
+    places, cells = {name: place for place, name in enumerate([*varying, REST])}, _Cells()
+    for number, response in enumerate(group):
+        worst = worst_means(
+            columns,
+            numbers[number],
+            trials.confidence,
+            higher=info.direction == "higher",
+            interval=response.interval,
+            parts=parts,
         )
-
-
-def _rows(
-    response: Response,
-    info: MetricInfo,
-    found: Inputs,
-    fit: _Fit | None,
-    worst: Mapping[str, RegionMean],
-    shared: Set[str],
-    n_failed: int,
-) -> Iterator[Driver]:
-    known = response.known
-    n = int(known.sum())
-    for place, name in enumerate([*found.values, REST]):
-        row = Driver(
-            method=response.method,
-            metric=info.name,
-            response=response.kind,
-            quantity=name,
-            n=n,
-            n_failed=n_failed,
-            unit=response.unit(info),
-        )
-        changes: dict[str, object] = {}
-        if fit is not None:
-            low, high = float(fit.low[place]), float(fit.high[place])
+        own = cells[response.method] = {name: _region(each, response) for name, each in worst.items()}
+        for name in [*columns, REST]:
+            # Quantities that are constant in the runs that are left explain nothing.
+            place = places.get(name)
+            share, low, high = (0.0 if place is None else without_noise(float(part[number, place]), 1.0) for part in of)
             resolved = low > 0 or (high < SMALL and name not in shared)
-            changes |= {"share": float(fit.value[place]), "share_low": low, "share_high": high, "resolved": resolved}
-            changes["surface"] = fit.form
-        if name in worst:
-            changes |= _region(worst[name], response)
-        yield Driver(**{**asdict(row), **changes})
+            found = {"share": share, "share_low": low, "share_high": high, "resolved": resolved}
+            own[name] = own.get(name, {}) | found | {"surface": surface.form}
+    return cells
 
 
-def _region(found: RegionMean, response: Response) -> dict[str, object]:
+def _region(found: RegionMean, response: Response) -> dict[str, Any]:
     """Return the columns of a region, in the unit in which a response is written."""
     region = found.region
     numbers = (found.mean, *found.interval, found.overall)
@@ -267,23 +190,15 @@ def _region(found: RegionMean, response: Response) -> dict[str, object]:
     }
 
 
-def _failure_row(trials: Trials, response: Response, info: MetricInfo, found: Inputs) -> Iterator[Driver]:
-    """Yield the row that says where a method fails."""
-    failed = trials.failed(response.method)
+def _failure_row(trials: Trials, method: str, info: MetricInfo, found: Inputs) -> list[dict[str, Any]]:
+    """Return the row that says where a method fails; none with too few failed runs."""
+    failed = trials.failed(method)
     worst = most_failures(found.values, failed, trials.confidence)
     if worst is None:
-        return
-    indicator = Response(response.method, "not occurring", failed.astype(float))
-    row = Driver(
-        method=response.method,
-        metric=info.name,
-        response=FAILED,
-        quantity=worst.region.quantity,
-        n=len(failed),
-        n_failed=int(failed.sum()),
-        unit="%",
-    )
-    yield Driver(**{**asdict(row), **_region(worst, indicator)})
+        return []
+    row = {"method": method, "metric": info.name, "response": FAILED, "quantity": worst.region.quantity, "unit": "%"}
+    row |= {"n": len(failed), "n_failed": int(failed.sum())}
+    return [_EMPTY | row | _region(worst, Response(method, SHARE, failed.astype(float)))]
 
 
 def _is_constant(column: Array) -> bool:

@@ -15,15 +15,25 @@ Limit   A baseline that is the same in all runs of both: the paired comparison o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from rmpc_bench.analysis.adjustment import Basis, Values
 from rmpc_bench.analysis.intervals import FEW, NONE, Interval, welch
 from rmpc_bench.analysis.levels import held_level, unplanned_level
-from rmpc_bench.analysis.pairs import Pairs, Samples, is_signed, pairs_of, relative_change, worst_finished
+from rmpc_bench.analysis.pairs import (
+    Pairs,
+    Samples,
+    asked_for,
+    few_differ,
+    is_signed,
+    pairs_of,
+    relative_change,
+    worst_finished,
+)
 from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.analysis.superiority import (
     independent_shares,
@@ -34,8 +44,6 @@ from rmpc_bench.analysis.superiority import (
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Evidence, Failures, Verdict, verdict
 from rmpc_bench.types import Array, MetricInfo
-
-NO_ESTIMATE = Estimate()
 
 _Both = tuple[Array, Array]
 """Numbers of the runs of A and of B."""
@@ -58,7 +66,7 @@ class AverageDifference:
     in_a: Estimate
     in_b: Estimate
     difference: Estimate
-    ratio: Estimate = NO_ESTIMATE
+    ratio: Estimate = Estimate()
 
 
 @dataclass(frozen=True)
@@ -102,7 +110,7 @@ class ImprovementDifference:
     runs_for_equivalence: float = math.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Sample:
     """The pairs of method and baseline in both experiments, of the runs that are compared."""
 
@@ -113,10 +121,55 @@ class _Sample:
     paired: bool
     counted: tuple[Pairs, Pairs]
     """The same with every failed run counted: it is the worst finished one, and worse than its partner."""
-    plain: Mapping[str, _Both] = field(default_factory=dict)
-    """Average -> numbers whose means are the improvements in A and in B, of the runs that all finished."""
-    values: Mapping[str, tuple[Values, Values]] = field(default_factory=dict)
-    """The same, adjusted for the draws of either experiment where they can be."""
+
+    @property
+    def n_finished(self) -> tuple[int, int]:
+        """Runs of A and of B that averages rest on."""
+        a, b = self.a.both, self.b.both
+        if self.paired:
+            a = b = a & b
+        return int(a.sum()), int(b.sum())
+
+    @cached_property
+    def plain(self) -> dict[str, _Both]:
+        """Average -> numbers whose means are the improvements in A and in B, of the runs that all finished."""
+        a, b = self.a, self.b
+        if self.paired:
+            finished = a.runs[a.both & b.both]
+            a, b = _of_runs(a, finished), _of_runs(b, finished)
+        in_a, in_b = a.averages(), b.averages()
+        return asked_for({name: (in_a[name], in_b[name]) for name in in_a if name in in_b}, self.trials)
+
+    @cached_property
+    def values(self) -> dict[str, tuple[Values, Values]]:
+        """The same, adjusted for the draws of either experiment where they can be.
+
+        In pairs they are adjusted over all common runs, with the terms that each experiment has.
+        """
+        tables, names = (self.trials, self.other), self.plain
+        runs = [each.runs[each.both] for each in (self.a, self.b)]
+        runs = [np.intersect1d(*runs)] * 2 if self.paired else runs
+        found = {name: (self.a.values_of(a, runs[0]), self.b.values_of(b, runs[1])) for name, (a, b) in names.items()}
+        if self.trials.adjust == "none" or (self.paired and any(few_differ(*each) for each in names.values())):
+            return found
+        adjustments = [table.adjustment for table in tables]
+        bases: list[Basis | None] = [None, None]
+        if self.paired:
+            common = np.intersect1d(*(table.runs for table in tables))
+            adjustments = [each.of_runs(common) for each in adjustments]
+            bases = [each.basis(len(runs[0])) for each in adjustments]
+            if bases == [None, None]:
+                return found
+            bases = [each or Basis("", (), np.zeros((len(common), 0))) for each in bases]
+        pairs = [_of_runs(each, own) for each, own in zip((self.a, self.b), runs, strict=True)]
+        in_a, in_b = (
+            each.adjusted(own.runs, own.a, own.b, names, basis)
+            for each, own, basis in zip(adjustments, pairs, bases, strict=True)
+        )
+        if self.paired:
+            # Both have all common runs, or both the finished ones.
+            return found | {name: (in_a[name], in_b[name]) for name in names if name in in_a and name in in_b}
+        return {name: (in_a.get(name, first), in_b.get(name, second)) for name, (first, second) in found.items()}
 
 
 def improvement_differences(
@@ -158,12 +211,7 @@ def _sample(a: Trials, b: Trials, method: str, info: MetricInfo, *, paired: bool
         alone = _alone(one), _alone(other)
         counted_one = _behind(counted_one, counted_other, *alone)
         counted_other = _behind(counted_other, counted_one, *alone[::-1])
-    return _filled(_Sample(a, b, one, other, paired, (counted_one, counted_other)))
-
-
-def _filled(sample: _Sample) -> _Sample:
-    sample = replace(sample, plain=_plain(sample.trials, sample.a, sample.b, paired=sample.paired))
-    return replace(sample, values=_values(sample))
+    return _Sample(a, b, one, other, paired, (counted_one, counted_other))
 
 
 def _pairs(table: Trials, method: str, info: MetricInfo, settings: Trials, *, signed: bool) -> tuple[Pairs, Pairs]:
@@ -190,65 +238,18 @@ def _of_runs(pairs: Pairs, runs: Array) -> Pairs:
     return replace(pairs, a=pairs.a[places], b=pairs.b[places], runs=pairs.runs[places])
 
 
-def _plain(settings: Trials, a: Pairs, b: Pairs, *, paired: bool) -> dict[str, _Both]:
-    """Return average -> numbers whose means are the improvements, of the runs that all finished where paired."""
-    if paired:
-        finished = a.runs[a.both & b.both]
-        a, b = _of_runs(a, finished), _of_runs(b, finished)
-    in_a, in_b = a.averages(), b.averages()
-    found = {name: (in_a[name], in_b[name]) for name in in_a if name in in_b}
-    if settings.average != "both":
-        found = {name: each for name, each in found.items() if name in (settings.average, "difference")} or found
-    return dict(sorted(found.items(), key=lambda item: item[0] != settings.headline))
-
-
-def _values(sample: _Sample) -> dict[str, tuple[Values, Values]]:
-    """Adjust the improvements; in pairs both over all common runs, with the terms that each experiment has."""
-    names, tables = sample.plain, (sample.trials, sample.other)
-    runs = [each.runs[each.both] for each in (sample.a, sample.b)]
-    runs = [np.intersect1d(runs[0], runs[1])] * 2 if sample.paired else runs
-    found = {name: (sample.a.values_of(a, runs[0]), sample.b.values_of(b, runs[1])) for name, (a, b) in names.items()}
-    if sample.trials.adjust == "none" or (sample.paired and any(_rarely(*each) for each in names.values())):
-        return found
-    one, other = (table.adjustment for table in tables)
-    of_one, of_other = None, None
-    if sample.paired:
-        common = np.intersect1d(tables[0].runs, tables[1].runs)
-        one, other = one.of_runs(common), other.of_runs(common)
-        of_one, of_other, none = (
-            one.basis(len(runs[0])),
-            other.basis(len(runs[0])),
-            Basis("", (), np.zeros((len(common), 0))),
-        )
-        if of_one is None and of_other is None:
-            return found
-        of_one, of_other = of_one or none, of_other or none
-    a, b = _of_runs(sample.a, runs[0]), _of_runs(sample.b, runs[1])
-    in_a = one.adjusted(a.runs, a.a, a.b, names, of_one)
-    in_b = other.adjusted(b.runs, b.a, b.b, names, of_other)
-    if sample.paired:
-        # Both have all common runs, or both the finished ones.
-        return found | {name: (in_a[name], in_b[name]) for name in names if name in in_a and name in in_b}
-    return {name: (in_a.get(name, first), in_b.get(name, second)) for name, (first, second) in found.items()}
-
-
-def _rarely(a: Array, b: Array) -> bool:
-    """Whether most runs are equal and few differ."""
-    n_equal = int(np.count_nonzero(a == b))
-    return n_equal > len(a) / 2 and len(a) - n_equal < FEW
-
-
 @np.errstate(over="ignore", invalid="ignore")
 def _compared(
     sample: _Sample, method: str, info: MetricInfo, level: float, *, with_verdict: bool
 ) -> ImprovementDifference:
-    n_a, n_b = _n_finished(sample)
+    n_a, n_b = sample.n_finished
     word, planning = "", {}
     if with_verdict:
         found = _verdict(sample, level)
         word, planning = str(found), _planning(sample, found, level)
     scores = (1 + sample.a.scores) / 2, (1 + sample.b.scores) / 2
     means = [float(each.mean()) if len(each) else math.nan for each in scores]
+    ends = _interval(scores, sample, "mean", level)
     return ImprovementDifference(
         point=sample.trials.title,
         method=method,
@@ -264,18 +265,12 @@ def _compared(
         averages=tuple(_average(sample, name, level) for name in sample.values),
         superiority_a=means[0],
         superiority_b=means[1],
-        superiority=Estimate(means[0] - means[1], *_of_scores(scores, sample, level)),
+        # Runs without spread have no interval, which is not certainty.
+        superiority=Estimate(means[0] - means[1], *(ends if ends[0] < ends[1] else NONE)),
         verdict=word,
         level=level,
         **planning,
     )
-
-
-def _n_finished(sample: _Sample) -> tuple[int, int]:
-    if sample.paired:
-        n = int((sample.a.both & sample.b.both).sum())
-        return n, n
-    return int(sample.a.both.sum()), int(sample.b.both.sum())
 
 
 def _average(sample: _Sample, name: str, level: float) -> AverageDifference:
@@ -318,15 +313,9 @@ def _interval(
     df = df or (len(a) - 1, len(b) - 1)
     if not sample.paired:
         return welch(a, b, level, df)
-    if _rarely(a, b):
+    if few_differ(a, b):
         return NONE
     return Values(a - b, sample.a.runs, min(df)).interval(average, level, sample.trials.seed)
-
-
-def _of_scores(scores: _Both, sample: _Sample, level: float) -> Interval:
-    """Interval of the difference of two superiorities; none where the runs have no spread, which is not certainty."""
-    low, high = _interval(scores, sample, "mean", level)
-    return (low, high) if low < high else NONE
 
 
 def _verdict(sample: _Sample, level: float) -> Verdict:
@@ -334,7 +323,7 @@ def _verdict(sample: _Sample, level: float) -> Verdict:
     failed = _alone(sample.a), _alone(sample.b)
     failures = None
     if failed[0].any() or failed[1].any():
-        counted = _filled(replace(sample, a=sample.counted[0], b=sample.counted[1]))
+        counted = replace(sample, a=sample.counted[0], b=sample.counted[1])
         alone, interval = _failed(failed, sample, level)
         failures = Failures(*alone, interval, _evidence(counted, level))
     return verdict(_evidence(sample, level), failures)
@@ -364,7 +353,7 @@ def _evidence(sample: _Sample, level: float) -> Evidence:
         ends.append((-high, -low) if higher else (low, high))
     scores = sample.a.scores / 2, sample.b.scores / 2
     low, high = _interval(scores, sample, "mean", level)
-    n = min(_n_finished(sample))
+    n = min(sample.n_finished)
     first = next(iter(sample.plain.values()), None)
     with_pairs = sample.paired and first is not None
     n_untied = int(np.count_nonzero(np.abs(first[0] - first[1]) > sample.a.margin)) if with_pairs and first else n

@@ -16,7 +16,9 @@ def layout_of(trials: Trials) -> ResultLayout:
     The table of a whole sweep has no series or recorded runs of its own.
     """
     of_points = bool(trials.points)
-    arrays = {} if of_points else _shapes(trials)
+    arrays: dict[str, dict[str, tuple[int, ...]]] = {}
+    for each in () if of_points else trials.over_time:
+        arrays.setdefault(each.method, {}).setdefault(each.quantity, each.values.shape)
     recorded = {} if of_points else {name: traces for name, traces in trials.traces.items() if len(traces.runs)}
     common = set.intersection(*(set(traces.runs.tolist()) for traces in recorded.values())) if recorded else set()
     return ResultLayout(
@@ -34,11 +36,3 @@ def layout_of(trials: Trials) -> ResultLayout:
         arrays=arrays,
         tuned=tuple(dict.fromkeys(each.method for each in trials.tuning.searches)) if trials.tuning else (),
     )
-
-
-def _shapes(trials: Trials) -> dict[str, dict[str, tuple[int, ...]]]:
-    """Return method -> series -> shape, axis 0 = k."""
-    found: dict[str, dict[str, tuple[int, ...]]] = {}
-    for each in trials.over_time:
-        found.setdefault(each.method, {}).setdefault(each.quantity, each.values.shape)
-    return found

@@ -11,7 +11,8 @@ Source  The interval of the share is that of Wilson (`intervals.wilson`), each f
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,28 +21,17 @@ from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import far_worse
 
+COLUMNS = "method baseline metric factor n n_failed n_lost lost_pct lost_low lost_high".split()
+"""Columns of lost.csv, a row of which counts the lost runs of one method.
 
-@dataclass(frozen=True, kw_only=True)
-class LostRuns:
-    """Lost runs of one method; a row of lost.csv."""
-
-    method: str
-    baseline: str
-    metric: str
-    factor: float  # a finished run is lost where its metric exceeds this number times that of the baseline
-    n: int  # runs of the method, failed ones included
-    n_failed: int  # failed runs, all of which are lost
-    n_lost: int  # lost runs
-    lost_pct: float  # lost_pct, lost_low, lost_high: share of lost runs with its Wilson interval [%]
-    lost_low: float
-    lost_high: float
-
-
-COLUMNS = [field.name for field in fields(LostRuns)]
+factor : a finished run is lost where its metric exceeds this number times that of the baseline
+n, n_failed, n_lost : runs of the method, failed ones included; failed ones, all of which are lost; lost ones
+lost_pct, lost_low, lost_high : share of lost runs with its Wilson interval [%]
+"""
 
 
 def lost_runs(trials: Trials) -> Rows:
-    """Count the lost runs of every method at one point, whose baseline need not be shown: rows of `LostRuns`.
+    """Count the lost runs of every method at one point, whose baseline need not be shown: rows of `COLUMNS`.
 
     Empty where no factor is given.
     """
@@ -50,24 +40,24 @@ def lost_runs(trials: Trials) -> Rows:
         return []
     # A table may show some of the methods only.
     whole = replace(trials, methods=tuple(dict.fromkeys([*trials.methods, trials.baseline])))
-    return [asdict(_lost(whole, name, info.name, factor)) for name in trials.methods]
+    return [_lost(whole, name, info.name, factor) for name in trials.methods]
 
 
-def _lost(trials: Trials, method: str, metric: str, factor: float) -> LostRuns:
+def _lost(trials: Trials, method: str, metric: str, factor: float) -> dict[str, Any]:
     values, limits = trials.column(metric, method), trials.column(metric, trials.baseline)
     failed = trials.failed(method)
     lost = failed | far_worse(values, limits, factor)
     n, k = int((~np.isnan(values) | failed).sum()), int(lost.sum())
     low, high = wilson(k, n, trials.confidence)
-    return LostRuns(
-        method=method,
-        baseline=trials.baseline,
-        metric=metric,
-        factor=factor,
-        n=n,
-        n_failed=int(failed.sum()),
-        n_lost=k,
-        lost_pct=100 * k / n if n else math.nan,
-        lost_low=100 * low,
-        lost_high=100 * high,
-    )
+    return {
+        "method": method,
+        "baseline": trials.baseline,
+        "metric": metric,
+        "factor": factor,
+        "n": n,
+        "n_failed": int(failed.sum()),
+        "n_lost": k,
+        "lost_pct": 100 * k / n if n else math.nan,
+        "lost_low": 100 * low,
+        "lost_high": 100 * high,
+    }

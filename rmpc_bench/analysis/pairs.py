@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
 from rmpc_bench.analysis.adjustment import Values
 from rmpc_bench.analysis.intervals import FEW, difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
-from rmpc_bench.analysis.verdict import FACTOR, far_worse, worst_of
+from rmpc_bench.analysis.verdict import FACTOR, far_worse
 from rmpc_bench.types import Array, MetricInfo
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
+Average = TypeVar("Average")
 _LARGEST_LOG = 700.0
 """Logarithm from which on `relative_change` has no finite value."""
 
@@ -90,8 +91,7 @@ class Pairs:
 
         If one pair in fifty differs, a third of all experiments contain no difference and have an interval of width 0.
         """
-        n_pairs, n_equal = int(self.both.sum()), int(np.count_nonzero(self.a == self.b))
-        return n_equal > n_pairs / 2 and n_pairs - n_equal < FEW
+        return few_differ(self.a[self.both], self.b[self.both])
 
     @property
     def scores(self) -> Array:
@@ -230,6 +230,12 @@ class Samples(Pairs):
         return Values(values, runs, df, unpaired=True)
 
 
+def few_differ(a: Array, b: Array) -> bool:
+    """Whether most numbers are equal and few differ."""
+    n_equal = int(np.count_nonzero(a == b))
+    return n_equal > len(a) / 2 and len(a) - n_equal < FEW
+
+
 def _apart(a: Array, b: Array) -> Array:
     """Return the values of two samples, see `Samples`; the difference alone where one of them has no spread to see."""
     gap, n = float(a.mean() - b.mean()), len(a) + len(b)
@@ -237,6 +243,12 @@ def _apart(a: Array, b: Array) -> Array:
         return np.array([gap])
     both = [(each - each.mean()) * math.sqrt(n * (n - 1) / (len(each) * (len(each) - 1))) for each in (a, -b)]
     return gap + np.concatenate(both)
+
+
+def asked_for(averages: Mapping[str, Average], trials: Trials) -> dict[str, Average]:
+    """Return the averages that are asked for, the one that the verdict rests on first."""
+    names = [name for name in averages if trials.average == "both" or name in (trials.average, "difference")]
+    return {name: averages[name] for name in sorted(names or averages, key=lambda name: name != trials.headline)}
 
 
 def pairs_of(trials: Trials, method: str, info: MetricInfo) -> Pairs:
@@ -327,9 +339,10 @@ def two_way(trials: Trials, info: MetricInfo) -> TwoWay | None:
 
 
 def worst_finished(trials: Trials, info: MetricInfo) -> float:
-    """Return the distance from the best value of the worst finished run of all methods of a table."""
+    """Return the distance from the best value of the worst finished run of all methods; NaN where there is none."""
     columns = [distance_from_best(trials.column(info.name, name), info.direction) for name in trials.methods]
-    return worst_of(columns, higher_is_better=info.direction == "higher")
+    worst = np.fmin if info.direction == "higher" else np.fmax
+    return float(worst.reduce(np.concatenate(columns), initial=math.nan))
 
 
 def _jackknifed(a: Array, b: Array) -> Array:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.comparison import Comparison, averages_of, compared, levels
+from rmpc_bench.analysis.comparison import averages_of, compared, counts_of, levels
 from rmpc_bench.analysis.comparison_text import change_of
 from rmpc_bench.analysis.intervals import FEW, skewness, skewness_error, student
 from rmpc_bench.analysis.pairs import Pairs, relative_change
@@ -45,7 +45,7 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
         if info is None:
             continue
         rows = compared(point, info, of)
-        found += [_half_width(point.title, row.method, *_of_comparison(point, pairs, row)) for pairs, row in rows]
+        found += [_half_width(point.title, row["method"], *_of_comparison(point, pairs, row)) for pairs, row in rows]
         if not rows:
             values = point.column(info.name, point.baseline)
             values = values[~np.isnan(values)]
@@ -67,24 +67,22 @@ def _half_width(point: str, method: str, width: float, values: Array) -> HalfWid
     return HalfWidth(point, method, width)
 
 
-def _of_comparison(point: Trials, pairs: Pairs, row: Comparison) -> tuple[float, Array]:
+def _of_comparison(point: Trials, pairs: Pairs, row: Mapping[str, Any]) -> tuple[float, Array]:
     """Return the half width over the runs that both methods finished, and the numbers of which it is the mean."""
-    if row.n_pairs < 2:
+    if row["n_pairs"] < 2:
         return math.nan, np.zeros(0)
-    if row.average:
-        return _of_average(pairs, row), averages_of(point, pairs)[row.average].values
-    scores = pairs.scores[pairs.both]
-    won, lost = int((scores > 0).sum()), int((scores < 0).sum())
-    low, high = superiority_interval(won, lost, len(scores) - won - lost, row.ci_level)
+    if row["average"]:
+        return _of_average(pairs, row), averages_of(point, pairs)[row["average"]].values
+    low, high = superiority_interval(*counts_of(pairs.scores[pairs.both]), row["ci_level"])
     return (high - low) / 2, np.zeros(0)
 
 
-def _of_average(pairs: Pairs, row: Comparison) -> float:
+def _of_average(pairs: Pairs, row: Mapping[str, Any]) -> float:
     """Return the half width of an average; NaN without an interval."""
-    if not math.isnan(row.ci_low):
+    if not math.isnan(row["ci_low"]):
         # A change of -100 % has no finite logarithm.
-        low, high = (math.log1p(end / 100) if end > -100 else -math.inf for end in (row.ci_low, row.ci_high))
+        low, high = (math.log1p(end / 100) if end > -100 else -math.inf for end in (row["ci_low"], row["ci_high"]))
         half = (high - low) / 2
         return math.inf if math.isnan(half) else relative_change(half)
-    scale, change = pairs.scale(), change_of(asdict(row))
+    scale, change = pairs.scale(), change_of(row)
     return (change.high - change.low) / 2 / scale if scale else math.nan

@@ -32,6 +32,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
+from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -180,27 +181,13 @@ def shares(values: Array, responses: Array, surface: Surface, confidence: float,
     kept = [surface.without(i) for i in range(values.shape[1])]
     value = _shares(A, y, np.ones((1, len(y))), kept)[0]
     if A.size * A.shape[1] > WORK:
-        reach = _normal_quantile(confidence) * _standard_errors(A, y, value, kept)
+        reach = NormalDist().inv_cdf((1 + confidence) / 2) * _standard_errors(A, y, value, kept)
         return Shares(value, value - reach, value + reach)
     drawn = _shares(A, y, _resampled(len(y), seed), kept)
     # A resample is drawn from the residuals of the fit, which are already smaller than the errors by this factor.
     drawn[:, :, -1] *= len(y) / (len(y) - A.shape[1])
     low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
     return Shares(value, low, high)
-
-
-def curve(values: Array, response: Array, at: Array) -> Array:
-    """Quadratic fit of a response to one quantity alone, at some points; linear where it has only two values.
-
-    With independent quantities it is the response surface averaged over the others; where some are correlated it still
-    follows the runs.
-    """
-    centre, spread = float(values.mean()), float(values.std())
-    more_than_two = bool(((values != values.min()) & (values != values.max())).any())
-    surface = Surface(FORMS[0], ((0,), (0, 0)) if more_than_two else ((0,),))
-    A, shown = (surface.columns(((each - centre) / spread)[:, None]) for each in (values, at))
-    coefficients = _solve((A.T @ A)[None], (A.T @ response)[None, :, None])[0, :, 0]
-    return np.asarray(shown @ coefficients)
 
 
 def _resampled(n: int, seed: int) -> Array:
@@ -263,12 +250,6 @@ def _standard_errors(A: Array, y: Array, value: Array, kept: Sequence[Sequence[i
 
 def _squared_residuals(A: Array, y: Array) -> Array:
     return np.asarray((y - A @ _solve((A.T @ A)[None], (A.T @ y)[None])[0]) ** 2)
-
-
-def _normal_quantile(confidence: float) -> float:
-    from statistics import NormalDist
-
-    return NormalDist().inv_cdf((1 + confidence) / 2)
 
 
 PARTS = 5

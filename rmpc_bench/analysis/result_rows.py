@@ -291,7 +291,7 @@ def _row(
         quantiles=tuple(map(float, quantiles(values, [*LEVELS]))) if len(values) else (),
         n_occurred=len(finite),
         worst=float(worst),
-        change=_change(compared),
+        change=change_of(compared) if compared else Estimate(),
         superiority=Estimate(*(100 * float(compared[name]) for name in _SUPERIORITY)) if compared else Estimate(),
         word=word,
         remark=remark,
@@ -301,12 +301,6 @@ def _row(
 
 
 _SUPERIORITY = ("superiority", "superiority_low", "superiority_high")
-
-
-def _change(compared: Mapping[str, Any]) -> Estimate:
-    if not compared:
-        return Estimate()
-    return change_of(compared)
 
 
 def _contains_0(change: Estimate) -> bool:
@@ -333,7 +327,7 @@ def _word(
     remark = ""
     if code.endswith("size-uncertain"):
         remark = f"perhaps by less than {margin_of(trials, info, signed=compared['average'] == 'difference')}"
-    elif code in (Verdict.BETTER, Verdict.WORSE) and _contains_0(_change(compared)):
+    elif code in (Verdict.BETTER, Verdict.WORSE) and _contains_0(change_of(compared)):
         remark = "by counts of the runs"
     elif code == Verdict.DEPENDS_ON_AVERAGE:
         remark = "averages disagree"

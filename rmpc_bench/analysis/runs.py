@@ -19,8 +19,6 @@ from rmpc_bench.types import Array, RunFailure, Status
 def common_runs(found: Iterable[Array]) -> Array | None:
     """Return the run indices that all methods with runs have; None where these are all indices of all methods.
 
-    Examples
-    --------
     >>> runs = np.arange(48)
     >>> common_runs([runs, runs[:47], runs[:0]]).max().item(), common_runs([runs, runs, runs[:0]])
     (46, None)
@@ -86,8 +84,6 @@ class Extent(NamedTuple):
     def text(self) -> str:
         """How far the experiment is, such as ``400 of 1000 runs``, and the methods that are not computed.
 
-        Examples
-        --------
         >>> [Extent(9, [PointExtent(str(n), {}, n, absent) for n in sizes]).text
         ...  for sizes, absent in (([4], ()), ([9], ("B",)), ([4, 4], ()), ([9, 4, 0], ()))]
         ['4 of 9 runs', '9 of 9 runs, B not computed', '4 of 9 runs at each of 2 points', '13 of 27 runs at 3 points']
@@ -142,8 +138,6 @@ class RunNotes:
     def worst_step_of(self, run: int) -> str:
         """Return the word of the worst status of the steps of a run: ``ok``, ``infeasible`` or ``not-converged``.
 
-        Examples
-        --------
         >>> RunNotes(10, failed_steps={3: {"infeasible": 2}}).worst_step_of(3), RunNotes(10).worst_step_of(3)
         ('infeasible', 'ok')
         """

@@ -39,8 +39,6 @@ class Estimate(NamedTuple):
 def places(half: float) -> int:
     """Count the decimals that show half a width; below 0 left of the point, 3 where it is 0 or unknown.
 
-    Examples
-    --------
     >>> places(0.0049), places(0.0019), places(8.5), places(160.0)
     (3, 4, 0, -1)
     """
@@ -53,8 +51,6 @@ def places(half: float) -> int:
 def number(x: float, decimals: int, *, sign: bool = False) -> str:
     """Write a number with decimals; below 0 it is rounded left of the point.  With `sign`, positive ones have a plus.
 
-    Examples
-    --------
     >>> number(-0.12345, 2), number(-0.001, 2), number(20911.0, -2, sign=True), number(float("nan"), 1)
     ('\u22120.12', '0.00', '+20900', '-')
     """
@@ -70,8 +66,6 @@ def number(x: float, decimals: int, *, sign: bool = False) -> str:
 def short(x: float, digits: int = 3) -> str:
     """Write a number with significant digits, such as a mean without its interval; powers of ten as `mean_text`.
 
-    Examples
-    --------
     >>> short(0.117389), short(1287.4), short(69100.0, 4), short(1.5e-9), short(-2.34e7), short(-0.0)
     ('0.117', '1290', '69100', '1.5e\u22129', '\u22122.34e7', '0')
     """
@@ -87,8 +81,6 @@ def short(x: float, digits: int = 3) -> str:
 def mean_text(mean: Estimate) -> str:
     """Write a mean with half the width of its interval; four digits where the runs are equal or too few.
 
-    Examples
-    --------
     >>> mean_text(Estimate(0.117389, 0.112445, 0.122332)), mean_text(Estimate(59.7743, 51.29, 68.2587))
     ('0.117 \u00b1 0.005', '60 \u00b1 8')
     >>> mean_text(Estimate(1.5e-9, 1.4e-9, 1.6e-9)), mean_text(Estimate(2.0, 2.0, 2.0))
@@ -108,8 +100,6 @@ def mean_text(mean: Estimate) -> str:
 def interval_text(x: Estimate, unit: str = "", *, sign: bool = False) -> str:
     """Write a number with its unit and its interval in brackets; with `sign`, positive ones have a plus.
 
-    Examples
-    --------
     >>> interval_text(Estimate(0.117389, 0.112445, 0.122332)), interval_text(Estimate(9.1, 7.2, 11.0), "%", sign=True)
     ('0.117 [0.112, 0.122]', '+9.1 % [+7.2, +11.0]')
     """
@@ -137,8 +127,6 @@ def change_texts(change: Estimate, *, mirrored: bool = False) -> tuple[str, str]
 
     With `mirrored`, a reduction is a positive number and its ends are in order; factors stay.
 
-    Examples
-    --------
     >>> change_texts(Estimate(-11.1105, -15.2737, -6.74284))
     ('\u221211 %', '[\u221215, \u22127]')
     >>> change_texts(Estimate(161.0, 107.0, 228.0))
@@ -179,8 +167,6 @@ def _with_both_ends(x: Estimate, d: int) -> int:
 def _factor(ratio: float) -> str:
     """Write a factor with two significant digits, from 100 on as an integer; a power of ten where it is far from 1.
 
-    Examples
-    --------
     >>> _factor(2.63), _factor(541.4), _factor(1.0e64), _factor(3.2e-9)
     ('2.6', '541', '1.0e64', '3.2e\u22129')
     """
@@ -196,8 +182,6 @@ def _factor(ratio: float) -> str:
 def difference_texts(change: Estimate, unit: str = "", *, mirrored: bool = False) -> tuple[str, str]:
     """Write a difference in the unit of a metric and its interval.
 
-    Examples
-    --------
     >>> difference_texts(Estimate(0.00121, -0.0003, 0.0027), "rad")
     ('+0.0012 rad', '[\u22120.0003, +0.0027]')
     >>> difference_texts(Estimate(-6.2e6, -8.4e6, -4.3e6), "m")

@@ -8,7 +8,6 @@ value inf, which passes no upper limit.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -60,68 +59,55 @@ def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, kw_only=True)
-class PassRate:
-    """Runs of one method that meet one requirement; a row of requirements.csv."""
+COLUMNS = (
+    "requirement method baseline n n_failed passed pass_pct pass_low pass_high miss_upper n_pairs method_only "
+    "baseline_only difference_pct difference_low difference_high"
+).split()
+"""Columns of requirements.csv, a row of which counts the runs of one method that meet one requirement.
 
-    requirement: str  # as written
-    method: str  # method, baseline: names
-    baseline: str
-    n: int  # runs of the method, failed ones included
-    n_failed: int  # failed runs, which do not pass
-    passed: int  # runs that pass
-    pass_pct: float  # pass_pct, pass_low, pass_high: share of runs that pass with its Wilson interval [%]
-    pass_low: float
-    pass_high: float
-    miss_upper: float  # exact 95 % bound of the share of runs that do not pass [%]
-    n_pairs: int  # runs of both methods
-    method_only: int  # method_only, baseline_only: runs in which one of the two passes and the other does not
-    baseline_only: int
-    # difference_pct, difference_low, difference_high: share of the method minus that of the baseline with its paired
-    # score interval [percentage points]; NaN for the baseline
-    difference_pct: float = math.nan
-    difference_low: float = math.nan
-    difference_high: float = math.nan
-
-
-COLUMNS = [field.name for field in fields(PassRate)]
+requirement : as written
+n, n_failed, passed : runs of the method, failed ones included; failed ones, which do not pass; runs that pass
+pass_pct, pass_low, pass_high : share of runs that pass with its Wilson interval [%]
+miss_upper : exact 95 % bound of the share of runs that do not pass [%]
+n_pairs : runs of both methods
+method_only, baseline_only : runs in which one of the two passes and the other does not
+difference_pct, difference_low, difference_high : share of the method minus that of the baseline with its paired score
+    interval [percentage points]; NaN for the baseline
+"""
 
 
 def pass_rates(trials: Trials) -> Rows:
-    """Count the runs that meet each requirement, a row per requirement and method with the fields of `PassRate`."""
-    return [asdict(_rate(trials, each, method)) for each in trials.requirements for method in trials.methods]
+    """Count the runs that meet each requirement, a row of `COLUMNS` per requirement and method."""
+    return [_rate(trials, each, method) for each in trials.requirements for method in trials.methods]
 
 
-def _rate(trials: Trials, requirement: Requirement, method: str) -> PassRate:
+def _rate(trials: Trials, requirement: Requirement, method: str) -> dict[str, Any]:
     passed, there = _passed(trials, requirement, method)
     other, there_too = _passed(trials, requirement, trials.baseline)
     n, k = int(there.sum()), int(passed.sum())
     both = there & there_too
     alone = int((passed & ~other & both).sum()), int((other & ~passed & both).sum())
     n_pairs = int(both.sum())
-    shares = [100 * share for share in wilson(k, n, trials.confidence)]
-    paired = {}
+    low, high = wilson(k, n, trials.confidence)
+    paired = (math.nan, math.nan, math.nan)
     if method != trials.baseline and n_pairs:
-        low, high = shares_interval(*alone, n_pairs, trials.confidence)
-        value = (alone[0] - alone[1]) / n_pairs
-        names = ("difference_pct", "difference_low", "difference_high")
-        paired = {name: 100 * end for name, end in zip(names, (value, low, high), strict=True)}
-    return PassRate(
-        requirement=requirement.text,
-        method=method,
-        baseline=trials.baseline,
-        n=n,
-        n_failed=trials.n_failed(method),
-        passed=k,
-        pass_pct=100 * k / n if n else math.nan,
-        pass_low=shares[0],
-        pass_high=shares[1],
-        miss_upper=100 * largest_share(n - k, n),
-        n_pairs=n_pairs,
-        method_only=alone[0],
-        baseline_only=alone[1],
-        **paired,
-    )
+        paired = ((alone[0] - alone[1]) / n_pairs, *shares_interval(*alone, n_pairs, trials.confidence))
+    return {
+        "requirement": requirement.text,
+        "method": method,
+        "baseline": trials.baseline,
+        "n": n,
+        "n_failed": trials.n_failed(method),
+        "passed": k,
+        "pass_pct": 100 * k / n if n else math.nan,
+        "pass_low": 100 * low,
+        "pass_high": 100 * high,
+        "miss_upper": 100 * largest_share(n - k, n),
+        "n_pairs": n_pairs,
+        "method_only": alone[0],
+        "baseline_only": alone[1],
+        **{name: 100 * end for name, end in zip(COLUMNS[-3:], paired, strict=True)},
+    }
 
 
 def _passed(trials: Trials, requirement: Requirement, method: str) -> tuple[Array, Array]:

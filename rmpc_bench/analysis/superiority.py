@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-from rmpc_bench.analysis.intervals import FEW, NONE, Interval, wilson
+from rmpc_bench.analysis.intervals import FEW, NONE, Interval, normal_quantile, wilson
 from rmpc_bench.analysis.verdict import mcnemar
 
 _BISECTIONS = 60
@@ -26,12 +26,8 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
     to contain the interval of the exact sign test with fewer than `FEW` untied runs, and where that test does not
     reject 1/2: fair coins are called unfair in 7.6 % of experiments with 26 runs by the Wilson interval at 95 %.
 
-    References
-    ----------
-    Tango, Statistics in Medicine 17 (1998) 891: interval of the difference of paired proportions.
+    Source: Tango, Statistics in Medicine 17 (1998) 891: interval of the difference of paired proportions.
 
-    Examples
-    --------
     >>> [round(end, 3) for end in superiority_interval(30, 0, 10, 0.95)]
     [0.798, 0.929]
     """
@@ -72,9 +68,7 @@ def independent_shares(k: tuple[int, int], n: tuple[int, int], confidence: float
 
 
 def _score_interval(won: int, lost: int, n: int, confidence: float) -> Interval:
-    from scipy import special
-
-    z = float(special.ndtri((1 + confidence) / 2))
+    z = normal_quantile(confidence)
     difference = (won - lost) / n
     return _root(won, lost, n, z, -1.0, difference), _root(won, lost, n, -z, difference, 1.0)
 
@@ -111,14 +105,12 @@ def runs_for_direction(difference: float, sd: float, confidence: float) -> float
 
     It is a whole number; NaN where the difference is 0 or not known.
 
-    Examples
-    --------
     >>> runs_for_direction(0.02, 0.10, 0.95)
     197.0
     """
     from scipy import special
 
-    return _runs(float(special.ndtri((1 + confidence) / 2) + special.ndtri(POWER)), sd, abs(difference))
+    return _runs(normal_quantile(confidence) + float(special.ndtri(POWER)), sd, abs(difference))
 
 
 def runs_for_equivalence(sd: float, margin: float, confidence: float) -> float:
@@ -126,15 +118,11 @@ def runs_for_equivalence(sd: float, margin: float, confidence: float) -> float:
 
     It is a whole number; NaN where the margin is 0 or the spread is not known.
 
-    Examples
-    --------
     >>> runs_for_equivalence(0.10, 0.01, 0.95)
     1051.0
     """
-    from scipy import special
-
     # Both ends must stay inside, so each of them may leave with half of the probability of failure.
-    return _runs(float(special.ndtri((1 + confidence) / 2) + special.ndtri((1 + POWER) / 2)), sd, margin)
+    return _runs(normal_quantile(confidence) + normal_quantile(POWER), sd, margin)
 
 
 def runs_for_count(won: int, lost: int, tied: int, confidence: float) -> float:
@@ -142,8 +130,6 @@ def runs_for_count(won: int, lost: int, tied: int, confidence: float) -> float:
 
     NaN where `FEW` untied runs or more would be needed, of which the average decides.
 
-    Examples
-    --------
     >>> runs_for_count(4, 0, 0, 0.95), runs_for_count(3, 2, 0, 0.95)
     (6.0, nan)
     """

@@ -83,12 +83,12 @@ def _ends(name: str, interval: Interval, sign: float) -> dict[str, float]:
     return {f"{name}_low": low, f"{name}_high": high}
 
 
-def quantile_interval(values: Array, confidence: float, q: float = 1 - TAIL) -> Interval:
-    """Interval of a quantile between order statistics; NaN where there is none of them on either side."""
+def quantile_interval(values: Array, confidence: float) -> Interval:
+    """Interval of the 95 % quantile between order statistics; NaN where there is none of them on either side."""
     n = len(values)
     if n < 2:
         return NONE
-    low, high = order_ranks(n, q, confidence)
+    low, high = order_ranks(n, 1 - TAIL, confidence)
     if low < 1 or high > n:
         return NONE
     ordered = np.partition(values, (low - 1, high - 1))

@@ -142,8 +142,6 @@ def budgets_of(searches: Sequence[TuningSearch]) -> tuple[int, ...]:
 def ranked(values: Array) -> Array:
     """Return the rank of every entry along the last axis: 1 + number of smaller ones.
 
-    Examples
-    --------
     >>> ranked(np.array([3.0, 1.0, 3.0, np.inf])).tolist()
     [2, 1, 2, 4]
     """

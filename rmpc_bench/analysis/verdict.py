@@ -23,14 +23,13 @@ is not `fails-more`.  With the two exchanged, or if the baseline certainly fails
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from enum import StrEnum
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import FEW, NONE, Interval
+from rmpc_bench.analysis.intervals import FEW, NONE, Interval, exact_share
 from rmpc_bench.types import Array
 
 
@@ -79,15 +78,8 @@ class Failures(NamedTuple):
 
 
 def verdict(evidence: Evidence, failures: Failures | None = None) -> Verdict:
-    """Return exactly one verdict.
+    """Return exactly one verdict, from the runs that both methods finished and from those that failed, if any.
 
-    Parameters
-    ----------
-    evidence : from the runs that both methods finished
-    failures : None where no run failed
-
-    Examples
-    --------
     >>> str(verdict(Evidence((-0.12, -0.09), margin=0.01, n_pairs=200, n_untied=180)))
     'better'
     >>> str(verdict(Evidence((-0.076, 0.001), margin=0.01, n_pairs=200, n_untied=180)))
@@ -160,8 +152,6 @@ def far_worse(values: Array, partners: Array, factor: float) -> Array:
 def largest_share(k: int, n: int) -> float:
     """Return the largest share that k of n runs leave possible, exactly (Clopper and Pearson, one side).
 
-    Examples
-    --------
     >>> [round(100 * largest_share(*each), 4) for each in ((0, 60), (3, 200))]
     [4.8703, 3.831]
     """
@@ -178,29 +168,13 @@ def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> 
     The interval of that probability p (Clopper and Pearson) gives (2 p - 1) m / n, which excludes 0 where the exact
     test rejects equal shares.  As m is random, it is no interval of the difference itself: `shares_interval` is.
 
-    Examples
-    --------
     >>> [round(end, 3) for end in mcnemar(6, 0, 200, 0.95)]
     [0.002, 0.03]
     """
-    from scipy import special
-
     if not n:
         return NONE
     m = method_only + baseline_only
     if not m:
         return 0.0, 0.0
-    # Clopper and Pearson: the ends of an exact interval of a share are quantiles of beta distributions.
-    rest = (1 - confidence) / 2
-    low = float(special.betaincinv(method_only, baseline_only + 1, rest)) if method_only else 0.0
-    high = float(special.betaincinv(method_only + 1, baseline_only, 1 - rest)) if baseline_only else 1.0
+    low, high = exact_share(method_only, m, confidence)
     return (2 * low - 1) * m / n, (2 * high - 1) * m / n
-
-
-def worst_of(columns: Iterable[Array], *, higher_is_better: bool) -> float:
-    """Return the worst value of the finished runs of all methods; NaN where there is none."""
-    values = np.concatenate([*columns, np.zeros(0)])
-    values = values[~np.isnan(values)]
-    if not len(values):
-        return float("nan")
-    return float(values.min() if higher_is_better else values.max())

@@ -190,18 +190,6 @@ def test_shares_of_events_have_intervals_of_shares(made):
     assert response.interval(response.values, 0.95) == wilson(20, 20, 0.95)
 
 
-def test_shares_alone(made):
-    """Without regions the shares are the same, and the columns of the regions are empty; failed runs have no row."""
-    trials = made(failed=range(0, 30, 3))
-    whole, alone = driver_frame(trials), driver_frame(trials, with_regions=False)
-    chosen = whole[whole["response"] != "failed"].reset_index(drop=True)
-    assert len(chosen) < len(whole)
-    names = ["method", "quantity", "share", "share_low", "share_high", "resolved", "n", "n_failed"]
-    pd.testing.assert_frame_equal(alone[names], chosen[names])
-    assert set(alone["worst_part"]) == {""}
-    assert alone["worst"].isna().all()
-
-
 def test_a_fifth_has_a_fifth_of_the_runs():
     """Every run is in one region of each quantity."""
     table = quantities()

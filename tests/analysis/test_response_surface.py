@@ -7,7 +7,7 @@ import pytest
 from conftest import STAT, within_stat
 
 from rmpc_bench.analysis import responses
-from rmpc_bench.analysis.responses import curve, shares, standardised, surface_for
+from rmpc_bench.analysis.responses import shares, standardised, surface_for
 
 
 def uniform(n, n_quantities, seed=0):
@@ -136,16 +136,6 @@ def test_equal_seeds_give_equal_intervals_and_a_collinear_quantity_no_error():
     np.testing.assert_allclose(found[0][[0, 2]], 0.0, atol=0.01)  # less than the noise explains by chance
 
 
-def test_the_curve_is_the_least_squares_parabola():
-    """Against numpy.polyfit; two values give the straight line through their means."""
-    z = uniform(200, 3)
-    y, at = response(z), np.array([-1.0, 0.0, 0.5])
-    np.testing.assert_allclose(curve(z[:, 0], y, at), np.polyval(np.polyfit(z[:, 0], y, 2), at), rtol=1e-7)  # the ridge
-    two = np.where(z[:, 0] > 0, 3.0, 1.0)
-    means = [y[two == value].mean() for value in (1.0, 3.0)]
-    np.testing.assert_allclose(curve(two, y, np.array([1.0, 3.0])), means, rtol=1e-7)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("n", "noise"), [(60, 0.3), (200, 0.3), (200, 2.0)])
 def test_intervals_cover(n, noise):
@@ -194,11 +184,3 @@ def test_blocks_of_runs_give_the_same_shares(monkeypatch):
     monkeypatch.setattr(responses, "ROWS", 300)
     for one, other in zip(of(z, response(z)), whole, strict=True):
         assert one == pytest.approx(other, abs=1e-9)
-
-
-@pytest.mark.parametrize(("kinds", "quadratic"), [(2, False), (3, True)])
-def test_a_curve_bends_with_more_than_two_values(kinds, quadratic):
-    """With two values it is the line through the means, which has no bend."""
-    values = np.arange(30.0) % kinds
-    left, middle, right = curve(values, values**2, np.array([0.0, 0.5, 1.0]))
-    assert (abs(left + right - 2 * middle) > 0.1) == quadratic

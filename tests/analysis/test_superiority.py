@@ -10,6 +10,7 @@ from scipy import optimize, stats
 
 from rmpc_bench.analysis.intervals import exact_share, wilson
 from rmpc_bench.analysis.levels import number_of_look, planned_level, schedule, unplanned_level
+from rmpc_bench.analysis.pairs import worst_finished
 from rmpc_bench.analysis.superiority import (
     _score_interval,
     runs_for_direction,
@@ -18,7 +19,7 @@ from rmpc_bench.analysis.superiority import (
     superiority,
     superiority_interval,
 )
-from rmpc_bench.analysis.verdict import mcnemar, worst_of
+from rmpc_bench.analysis.verdict import mcnemar
 
 counts = st.integers(0, 60)
 
@@ -101,11 +102,13 @@ def test_mcnemar_by_hand():
     assert mcnemar(0, 0, 200, 0.95) == (0.0, 0.0) and np.isnan(mcnemar(0, 0, 0, 0.95)).all()
 
 
-def test_worst_finished_run():
-    """Of all methods, in the direction of the metric; NaN is a failed run."""
-    columns = [np.array([1.0, np.nan]), np.array([3.0, 2.0])]
-    assert (worst_of(columns, higher_is_better=False), worst_of(columns, higher_is_better=True)) == (3.0, 1.0)
-    assert math.isnan(worst_of([np.array([np.nan])], higher_is_better=False))
+@pytest.mark.parametrize(("direction", "expected"), [("lower", 3.0), ("higher", 1.0)])
+def test_worst_finished_run(make_trials, direction, expected):
+    """Of all methods, in the direction of the metric; failed runs do not count."""
+    trials = make_trials({"mse": {"A": [1.0, None], "B": [3.0, 2.0]}}, directions={"mse": direction})
+    assert worst_finished(trials, trials.metrics[0]) == expected
+    trials = make_trials({"mse": {"A": [None], "B": [None]}}, directions={"mse": direction})
+    assert math.isnan(worst_finished(trials, trials.metrics[0]))
 
 
 def test_runs_for_equivalence():
