@@ -17,7 +17,7 @@ import numpy as np
 
 from rmpc_bench.config.load import load_config
 from rmpc_bench.extras import library
-from rmpc_bench.models import ode as ode_model
+from rmpc_bench.models import nonlinear as ode_model
 from rmpc_bench.models.library_systems import (
     Equation,
     Realisation,

@@ -156,11 +156,5 @@ def _system(text: str) -> LinearSystem:
 def _model(tree: Map, mark: Mark, access: CodeAccess, **size: Any) -> Any:
     """Build the model of a mapping."""
     from rmpc_bench.config_file.component import read_component
-    from rmpc_bench.types import ConfigError, Problem
 
-    problems: list[Problem] = []
-    component = read_component("models", tree, ["model"], problems, mark=mark, access=access)
-    model = None if component is None else component.build(problems, **size)
-    if model is None or problems:
-        raise ConfigError(problems)
-    return model
+    return read_component("models", tree, ["model"], mark=mark, access=access).build(**size)

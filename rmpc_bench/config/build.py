@@ -10,9 +10,8 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
-from rmpc_bench.config.check import FirstCalls, warnings_of
-from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
-from rmpc_bench.config.identity import SweepPoint, sweep_point
+from rmpc_bench.config.draft import AlreadyNoted, DraftConfig, MethodComponents
+from rmpc_bench.config.identity import Built, ModelFacts, sweep_point
 from rmpc_bench.config.input import built_controller
 from rmpc_bench.config.noise import (
     UNCERTAIN_MATRIX,
@@ -22,7 +21,7 @@ from rmpc_bench.config.noise import (
     refuse_unbridged,
     with_prediction,
 )
-from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.own_code import FirstCalls, OwnCode
 from rmpc_bench.config.plant import (
     UncertainParameter,
     angles_of,
@@ -36,8 +35,9 @@ from rmpc_bench.config.plant import (
     refuse_start,
     refuse_unreachable,
 )
-from rmpc_bench.config.statistics import shares
+from rmpc_bench.config.warnings import warnings_of
 from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.tree import Map, Problems, error_at, locate
 from rmpc_bench.diagnostics.stability import loop_remarks
 from rmpc_bench.received.names import wrong_metric
 from rmpc_bench.registry import unknown
@@ -74,9 +74,9 @@ class DesignCache:
         return len(self._designs)
 
     def get(self, description: Any, make: Callable[[], Any]) -> Any:
-        """Return the design that plain data determine, made once; after None again, so that errors are reported."""
+        """Return the design that plain data determine, made once; after an error again, so that it is reported."""
         key = json.dumps(description, sort_keys=True)
-        if self._designs.get(key) is None:
+        if key not in self._designs:
             self._designs[key] = make()
         return self._designs[key]
 
@@ -87,13 +87,12 @@ START = ("x_hat", "P", "M")  # keys under `initial` that say where the estimator
 class MethodBuilder:
     """Builds the methods of a draft with a valid time; the cache shares designs with other points.
 
-    What cannot be built is None, with the reason in the problems of the draft.
+    What cannot be built raises a ConfigError; it has no problems where something invalid is needed.
     """
 
     def __init__(self, draft: DraftConfig, cache: DesignCache) -> None:
-        self.draft, self.cache = draft, cache
-        self.time = draft.values["time"]
-        self.n_steps: int = self.time.n_steps
+        self.draft, self.cache, self.time = draft, cache, draft.time
+        self.n_steps = self.time.n_steps
         self.plant: Plant | None = None  # the nominal plant, for models made from it; set once it has been built
         self.angles: Mapping[str, float] = {}  # places of its angles with their periods
 
@@ -108,21 +107,18 @@ class MethodBuilder:
         of_plant = of_plant or any(part and (part.takes("plant") or _is_informed(part)) for part in parts)
         nominal = None
         if of_plant and plant is not None:
-            nominal = [plant.resolved(), self.draft.plant_range]
+            nominal = [plant.resolved(), self.draft.limits.data]
             # Only such a plant depends on it; others are shared by all starts.
             nominal += [mean_start(self.draft)] if plant.takes("x0") else []
         given = [None if part is None else part.resolved() for part in parts]
         time = self.time.step, self.time.unit, self.n_steps
-        return [role, *time, given, nominal, [self.draft.initial[key] for key in start]]
+        return [role, *time, given, nominal, [self.draft.initial.start[key] for key in start]]
 
     def model(self, component: Component | None) -> Any:
         """Build a design model; methods with equal models share one."""
-        if component is None:
-            return None
+        if component is None or (component.takes("plant") and self.plant is None):
+            raise AlreadyNoted
         size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit}
-        if component.takes("plant") and self.plant is None:
-            # The plant has an error, which is reported there.
-            return None
         # A delay is known to a method, and changes no matrix.
         component = component.without_shared("delay")
         # The disturbances of a model that depends on the state are checked at the initial estimate.
@@ -136,22 +132,23 @@ class MethodBuilder:
     def _model(self, component: Component, provided: Mapping[str, Any]) -> Any:
         """Build a design model with its disturbances; methods with other disturbances share the model without them."""
         if not component.shared:
-            return component.build(self.draft.problems, **provided)
-        made, x_hat = self.undisturbed(component), self.draft.initial["x_hat"]
-        if made is None or x_hat is None or self.sized("x_hat", initial_state, x_hat, made.nx) is None:
-            return None
-        return component.extended(made, self.draft.problems, n_steps=self.n_steps, x_hat=x_hat)
+            return component.build(**provided)
+        made, x_hat = self.undisturbed(component), self.draft.initial.x_hat
+        self.sized("x_hat", initial_state, x_hat, made.nx)
+        return component.extended(made, n_steps=self.n_steps, x_hat=x_hat)
 
-    def start(self, model: Any) -> dict[str, Array] | None:
-        """Return x0, P0 and M0 of the estimators, for the size of a model."""
-        given, P, undisturbed = self.draft.initial, self.draft.initial["P"], model.undisturbed
-        if any(given[key] is None for key in ("x_hat", "P", "M")):
-            return None
+    def start(self, model: Any) -> Any:
+        """Return x0, P0 and M0 of the estimators by their names, for the size of a model."""
+        given, undisturbed, problems = self.draft.initial, model.undisturbed, Problems()
+        if any(value is None for value in given.start.values()):
+            raise AlreadyNoted
         nx = undisturbed.nx
-        x0 = self.sized("x_hat", initial_state, given["x_hat"], nx)
-        P0 = undisturbed.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, nx)
-        M0 = self.sized("M", initial_covariance, given["M"], nx)
-        return None if x0 is None or P0 is None or M0 is None else model.start(x0, P0, M0)
+        x0 = problems.tried(self.sized, "x_hat", initial_state, given.x_hat, nx)
+        of_process = isinstance(given.P, str)
+        P0 = undisturbed.Q_w if of_process else problems.tried(self.sized, "P", initial_covariance, given.P, nx)
+        M0 = problems.tried(self.sized, "M", initial_covariance, given.M, nx)
+        problems.stop()
+        return model.start(x0, P0, M0)
 
     def facts(self) -> tuple[ModelFacts, ...]:
         """Return what every design model says about itself, such as an operating point, for a draft without errors."""
@@ -159,100 +156,120 @@ class MethodBuilder:
         for name, components in self.draft.methods.items():
             where = "model" if components.model is self.draft.model else f"methods.{name}.model"
             made = self.model(components.model)
-            if made is not None and where not in found:
+            if where not in found:
                 found[where] = ModelFacts(where, tuple(made.facts()), tuple(made.remarks))
         return tuple(each for each in found.values() if each.facts or each.remarks)
 
-    def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
-        """Expand a short form under `initial`; a wrong size is reported there."""
+    def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array:
+        """Expand a short form under `initial`; a wrong size is an error there."""
+        if value is None:
+            raise AlreadyNoted
         try:
             return expand(value, n)
         except DesignError as error:
-            self.draft.note(["initial", key], str(error))
-            return None
+            raise error_at(self.draft.tree, ["initial", key], str(error)) from None
 
-    def method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
+    def method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method:
         """Build an estimator and a controller; points of a sweep with equal methods share one.
 
         The plant is disclosed to an estimator that takes it; it is None where it cannot be built.
         """
         # Recorded runs have their inputs in the plant.
         is_recorded = plant is not None and plant.recorded is not None
-        parts, delay = [*components.named.values(), self.draft.input], delay_of(self.draft, components.model, plant)
-        key = [name, delay, *self.key("method", parts, of_plant=is_recorded), self.draft.plant_range.get("angles")]
-        return cast("Method | None", self.cache.get(key, lambda: self._method(name, components, plant, delay)))
+        # An invalid delay hides no error of a design.
+        delay = self.draft.tried(delay_of, self.draft, components.model, plant)
+        parts = [*components.named.values(), self.draft.input]
+        key = [name, delay, *self.key("method", parts, of_plant=is_recorded), self.draft.limits.angles]
+        return cast("Method", self.cache.get(key, lambda: self._method(name, components, plant, delay)))
 
-    def _method(
-        self, name: str, components: MethodComponents, plant: Plant | None, delay: KnownDelay | None
-    ) -> Method | None:
-        problems, model = self.draft.problems, self.model(components.model)
-        if model is None:
-            return None
-        start = self.start(model)
-        info = None if plant is None else PlantInfo.of(plant)
+    def _method(self, name: str, components: MethodComponents, plant: Plant | None, delay: KnownDelay | None) -> Method:
+        model, info = self.model(components.model), None if plant is None else PlantInfo.of(plant)
         common = {"model": model, "n_steps": self.n_steps, "Ts": self.time.step, "plant_info": info}
         common["limits"] = None if info is None else info.limits
-        estimator = None
-        if components.estimator is not None and start is not None:
-            estimator = self._estimator(components, {**common, **start, "plant": plant})
-        if components.controller is None and components.controlled:
-            return None
-        if components.controller is None:
-            controller: Any = self._open_loop(name, model, plant)
-            if controller is None:
-                return None
-        elif estimator is None and components.controller.takes("estimator"):
-            return None
-        elif info is None and _is_informed(components.controller):
-            return None
-        else:
-            given = {**common, "estimator": estimator}
-            controller = built_controller(self.draft, components.controller, plant, given)
-        if estimator is None or controller is None or delay is None:
-            return None
+        # The errors of an estimator hide none of the controller.
+        estimator = self.draft.tried(self._estimator, components, common, plant)
+        controller = self._controller(name, components, {**common, "estimator": estimator}, plant)
+        if estimator is None or delay is None:
+            raise AlreadyNoted
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
         made = Method(name, estimator, controller, model.n_disturbances, remarks, delay)
         period = model.undisturbed.y_period
         period = period_of(self.angles, places("y", model.ny)) if period is None else period
         if period is not None:
             made = made._replace(controller=controller.with_period(period), period=period, model=model)
-        return with_prediction(made, model, components.controller, problems)
+        return with_prediction(made, model, components.controller)
 
-    def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
-        """Return what stands for a controller where there is none; None where the input is invalid."""
+    def _controller(
+        self, name: str, components: MethodComponents, provided: Mapping[str, Any], plant: Plant | None
+    ) -> Any:
+        """Build a controller, or what stands for one where there is none."""
+        controller = components.controller
+        if controller is None:
+            if components.controlled:
+                raise AlreadyNoted
+            return self._open_loop(name, provided["model"], plant)
+        needs_estimator = provided["estimator"] is None and controller.takes("estimator")
+        if needs_estimator or (plant is None and _is_informed(controller)):
+            raise AlreadyNoted
+        return built_controller(self.draft, controller, plant, provided)
+
+    def _open_loop(self, name: str, model: Any, plant: Plant | None) -> OpenLoop | Rest:
+        """Return what stands for a controller where there is none."""
         component = self.draft.input
         if self.draft.plant is not None and (plant is None or plant.recorded is not None):
-            fits = plant is not None and not refuse_other_sizes(self.draft, name, model, plant)
-            if not fits or plant is None or plant.recorded is None:
-                return None
+            if plant is None or plant.recorded is None or refuse_other_sizes(self.draft, name, model, plant):
+                raise AlreadyNoted
             return OpenLoop(plant.recorded.input, self.n_steps) if plant.nu else Rest(model.nu)
         if component is not None and "only" in component.shared:
             if self.draft.with_controller or "controller" in self.draft.tree:  # otherwise `check_input` says so
                 self.draft.note(["input", "only"], f"needs a controller of the other inputs, which {name!r} has not")
-            return None
+            raise AlreadyNoted
+        if component is None and "input" in self.draft.tree:
+            raise AlreadyNoted
         if component is None:
-            return None if "input" in self.draft.tree else Rest(model.nu)
+            return Rest(model.nu)
         size = {"nu": model.nu, "Ts": self.time.step, "n_steps": self.n_steps}
         key = [model.nu, *self.key("input", [component], start=())]
-        signal = self.cache.get(key, lambda: component.build(self.draft.problems, **size))
-        if signal is None:
-            return None
+        signal = self.cache.get(key, lambda: component.build(**size))
         refuse_runs(self.draft, signal.n_runs, "input.file")
         return OpenLoop(signal, self.n_steps)
 
-    def _estimator(self, components: MethodComponents, provided: Mapping[str, Any]) -> Any:
+    def _estimator(self, components: MethodComponents, common: Mapping[str, Any], plant: Plant | None) -> Any:
         """Build an estimator; methods and points with equal estimators share one."""
-        estimator, model = components.estimator, components.model
-        assert estimator is not None and model is not None
-        if provided["plant"] is None and (estimator.takes("plant") or _is_informed(estimator)):
-            return None
-        key = self.key("estimator", [model, estimator])
-        return self.cache.get(key, lambda: estimator.build(self.draft.problems, **provided))
+        start, estimator = self.start(common["model"]), components.estimator
+        if estimator is None or (plant is None and (estimator.takes("plant") or _is_informed(estimator))):
+            raise AlreadyNoted
+        key = self.key("estimator", [components.model, estimator])
+        return self.cache.get(key, lambda: estimator.build(**common, **start, plant=plant))
 
 
 def _is_informed(component: Component) -> bool:
     """Whether a component takes nominal data of the plant."""
     return component.takes("plant_info") or component.takes("limits")
+
+
+def _metric(component: Component, layout: MetricLayout) -> Metric:
+    """Build a metric; a ConfigError has every reason for which it cannot be computed."""
+    metric: Metric = component.build()
+    reason = "" if layout.plant is None else metric_problem(component, metric, layout.plant)
+    if reason:
+        raise component.error(reason)
+    component.check(lambda: metric.check(layout))
+    return metric
+
+
+def _calibration(draft: DraftConfig, nx: int) -> tuple[Component, ...]:
+    """Return the metrics of each level of `calibration`, for all states and, of several, each; none after an error."""
+    keys, path = draft.keys.calibration, ["calibration"]
+    if keys is None or any(problem.path.startswith("calibration") for problem in draft.problems):
+        return ()
+    found, mark = [], locate(draft.tree, path)
+    for of in ("joint", *(f"x.{i}" for i in range(nx) if nx > 1)):
+        for level in keys.levels:
+            given = {"kind": "coverage", "name": keys.name(level, of), "level": level, "of": of}
+            given |= {} if keys.from_ is None else {"from": keys.from_}
+            found.append(draft.component("metrics", Map(given, mark=mark), path))
+    return tuple(component for component in found if component is not None)
 
 
 class _ExperimentBuilder:
@@ -262,21 +279,21 @@ class _ExperimentBuilder:
     """
 
     def __init__(self, draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> None:
-        self.draft, self.cache, self.smoke = draft, cache, smoke
-        self.time = draft.values["time"]
-        self.n_steps: int = self.time.n_steps
+        self.draft, self.cache, self.smoke, self.time = draft, cache, smoke, draft.time
+        self.n_steps = self.time.n_steps
+        self.calibration: tuple[Component, ...] = ()
         self.methods = MethodBuilder(draft, cache)
         self.first_estimates: Mapping[str, Estimate | None] = {}
 
-    def experiment(self, calls: FirstCalls, *, first: bool) -> Experiment | None:
-        """Make all designs of the point; the first point of a sweep describes its models."""
+    def experiment(self, calls: FirstCalls) -> Experiment | None:
+        """Make all designs of the point."""
         draft = self.draft
         plant = self.methods.plant = self.plant()
-        made = [self.methods.method(name, components, plant) for name, components in draft.methods.items()]
+        made = [draft.tried(self.methods.method, name, each, plant) for name, each in draft.methods.items()]
         methods = tuple(method for method in made if method is not None)
         if plant is None or draft.reference is None:
             return None
-        reference = draft.reference.build(draft.problems, ny=plant.ny, Ts=plant.Ts)
+        reference: Reference | None = draft.tried(draft.reference.build, ny=plant.ny, Ts=plant.Ts)
         scenario = self.scenario(plant, reference) if reference is not None else None
         if scenario is not None:
             self.first_estimates = calls.estimates(draft, plant, methods, scenario, self.n_steps)
@@ -292,43 +309,39 @@ class _ExperimentBuilder:
         refuse_unbridged(draft, scenario, methods)
         refuse_feedthrough(draft, plant, scenario, methods)
         opposed = self.opposed(plant, methods, scenario)
-        if opposed is None or draft.problems or len(methods) < len(made):
+        if opposed is None or draft.keys.runs is None or draft.problems or len(methods) < len(made):
             return None
-        experiment = Experiment(
+        return Experiment(
             opposed,
             methods,
             scenario,
             metrics,
-            n_runs=draft.values["runs"],
+            n_runs=draft.keys.runs,
             n_steps=self.n_steps,
-            recording=self.recording(scenario),
+            recording=self.recording(scenario, draft.keys.runs),
             tick=self.time.tick,
             cut_windows=self.smoke,
             state_range=state_range,
             time_unit=self.time.unit,
             angles=self.methods.angles,
         )
-        draft.warnings += warnings_of(draft, experiment, self.methods.undisturbed, self.methods.start)
-        if first:
-            draft.model_facts = self.methods.facts()
-        return experiment
 
     def plant(self) -> Plant | None:
         """Build the plant and check the names under `perturb` and `set`."""
         component = self.draft.plant
         if component is None:
             return None
-        angles = self.draft.plant_range.get("angles")
-        size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit, "angles": angles}
+        size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit}
+        size |= {"angles": self.draft.limits.angles}
         range_of = {"x0": mean_start(self.draft), "bounds": given_bounds(self.draft)}
         size |= {name: value for name, value in range_of.items() if component.takes(name)}
         described = self.methods.key("plant", [], of_plant=True, start=())
-        plant: Plant | None = self.cache.get(described, lambda: component.build(self.draft.problems, **size))
+        plant: Plant | None = self.draft.tried(self.cache.get, described, lambda: component.build(**size))
         if plant is not None:
             refuse_runs(self.draft, plant.recorded and plant.recorded.n_runs, "plant.data")
             refuse_start(self.draft, plant)
             self.methods.angles = angles_of(self.draft, plant)
-            for name, change in self.draft.parameter_changes.items():
+            for name, change in self.draft.changes.items():
                 if name not in plant.nominal:
                     key = "perturb" if change.relative else "set"
                     message = unknown(name, plant.nominal, f"parameter of {component.kind}")
@@ -372,22 +385,21 @@ class _ExperimentBuilder:
     def scenario(self, plant: Plant, reference: Reference) -> Scenario | None:
         """Collect the random inputs of a run and the reference."""
         draft = self.draft
-        x = draft.initial["x"]
-        x0 = None if x is None else self.methods.sized("x", initial_state, x, plant.nx)
-        laws = NoiseLaws(draft, lambda: self.methods.undisturbed(draft.model), plant)
-        x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
-        process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
+        x0 = draft.tried(self.methods.sized, "x", initial_state, draft.initial.x, plant.nx)
+        laws = NoiseLaws(draft, lambda: draft.tried(self.methods.undisturbed, draft.model), plant)
+        x0_noise = laws.terms(draft.initial.laws, plant.nx, "initial")
+        process = laws.terms(draft.noise.of("process"), plant.nw, "process")
         info = PlantInfo.of(plant)
-        measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement", info.outputs)
-        of_input = laws.terms(draft.noise.get("input", ()), plant.nu, "input", info.inputs)
-        if x0 is None or draft.values["seed"] is None or not set(draft.parameter_changes) <= set(plant.nominal):
+        measurement = laws.terms(draft.noise.of("measurement"), plant.nv, "measurement", info.outputs)
+        of_input = laws.terms(draft.noise.of("input"), plant.nu, "input", info.inputs)
+        if x0 is None or draft.keys.seed is None or not set(draft.changes) <= set(plant.nominal):
             return None
         scenario = Scenario(
-            seed=draft.values["seed"],
-            uncertainty=draft.uncertainty,
+            seed=draft.keys.seed,
+            uncertainty=draft.uncertainty.scaled,
             parameters={
                 name: UncertainParameter(change.expression, plant.nominal[name] if change.relative else 1.0)
-                for name, change in draft.parameter_changes.items()
+                for name, change in draft.changes.items()
             },
             x0=x0,
             x0_noise=x0_noise,
@@ -399,17 +411,6 @@ class _ExperimentBuilder:
         laws.refuse_names(scenario)
         return laws.correlated(plant, scenario)
 
-    def metric(self, component: Component, layout: MetricLayout) -> Metric | None:
-        """Build a metric and report every reason for which it cannot be computed."""
-        metric: Metric | None = component.build(self.draft.problems)
-        reason = "" if metric is None or layout.plant is None else metric_problem(component, metric, layout.plant)
-        if reason:
-            self.draft.problems.append(component.problem(reason))
-            return None
-        issues = [] if metric is None else component.check(lambda: metric.check(layout))
-        self.draft.problems += issues
-        return None if issues else metric
-
     def metrics(self, plant: Plant, methods: tuple[Method, ...], scenario: Scenario | None) -> tuple[Metric, ...]:
         """Build the metrics; two of the same name are refused."""
         invalid = any(problem.path.startswith("noise") for problem in self.draft.problems)
@@ -419,10 +420,10 @@ class _ExperimentBuilder:
         layout = MetricLayout(
             self.n_steps, time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r, time.unit
         )
-        made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
-        self.draft.calibrated = shares(self.draft, plant.nx)
-        for component in self.draft.calibrated:
-            made.append(self.metric(component, layout))
+        made = [self.draft.tried(_metric, each, layout) for each in self.draft.metrics if each is not None]
+        self.calibration = _calibration(self.draft, plant.nx)
+        for component in self.calibration:
+            made.append(self.draft.tried(_metric, component, layout))
             if made[-1] is None:
                 # The others have the same error.
                 break
@@ -442,11 +443,12 @@ class _ExperimentBuilder:
             names.add(name)
         return tuple(metric for metric in made if metric is not None)
 
-    def recording(self, scenario: Scenario) -> Recording:
+    def recording(self, scenario: Scenario, n_runs: int) -> Recording:
         """Return which signals of which runs are recorded."""
-        keys, n_runs = self.draft.values["record"], self.draft.values["runs"]
+        keys = self.draft.keys.record
+        assert keys is not None
         first = {"none": 0, "all": n_runs}.get(keys.runs, keys.runs)
-        ensemble = not {"moments", "ensemble"}.isdisjoint(self.draft.values["evaluate"])
+        ensemble = not {"moments", "ensemble"}.isdisjoint(self.draft.keys.evaluate)
         plant = self.methods.plant
         # Recorded runs may have no state.
         absent = [name for name in ("x", "u") if plant is not None and getattr(plant, f"n{name}") == 0]
@@ -463,19 +465,28 @@ def build(
     smoke: bool,
     cache: DesignCache | None = None,
     calls: FirstCalls | None = None,
-) -> list[SweepPoint | None]:
-    """Make every design of every point; None where one cannot be made, with the reasons in the problems of the draft.
+) -> list[Built]:
+    """Make every design of every point; the reasons for which one cannot be made are in the problems of the draft.
 
     Points of a sweep share equal designs, also with earlier points by `cache` and `calls`.  `own` gets the files of the
     user that the points use.  In a smoke run windows of metrics are cut where a run is too short for them.
     """
     cache = DesignCache() if cache is None else cache
     calls = FirstCalls() if calls is None else calls
-    points: list[SweepPoint | None] = []
     with single_thread():
-        for draft in drafts:
-            experiment = None
-            if draft.values["time"] is not None:
-                experiment = _ExperimentBuilder(draft, cache, smoke=smoke).experiment(calls, first=draft is drafts[0])
-            points.append(None if experiment is None else sweep_point(draft, experiment, own))
-    return points
+        return [_built(draft, own, cache, calls, smoke=smoke, first=draft is drafts[0]) for draft in drafts]
+
+
+def _built(
+    draft: DraftConfig, own: OwnCode, cache: DesignCache, calls: FirstCalls, *, smoke: bool, first: bool
+) -> Built:
+    """Make every design of a point; the first one describes its models."""
+    if draft.keys.time is None:
+        return Built(None)
+    builder = _ExperimentBuilder(draft, cache, smoke=smoke)
+    experiment, methods = builder.experiment(calls), builder.methods
+    if experiment is None:
+        return Built(None, builder.calibration)
+    draft.warnings.extend(warnings_of(draft, experiment, methods.undisturbed, methods.start))
+    point = sweep_point(draft, experiment, builder.calibration, own)
+    return Built(point, builder.calibration, methods.facts() if first else ())

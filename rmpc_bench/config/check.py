@@ -1,284 +1,216 @@
-"""Stage 6, check: what sections say of each other, first calls of a user's components, and warnings, before any run.
-
-Warnings are about a valid configuration that probably does not say what its author means: angles in degrees, factors
-that look like absolute values, a missing sampling time, windows between two samples, a filter without noise, a noise
-whose covariance a filter takes for its scale, estimates that start far from an operating point or with too large a
-covariance, and unstable modes of the design model that are unobservable or uncontrollable.
-"""
+"""Stage 6, check: what the sections say of each other; what is inherited and does not fit is left out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import pi
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.claims import check_figures, layout_of, read_claims
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.identity import Built, SweepPoint, independent_laws
 from rmpc_bench.config.left_out import SWEPT_PATHS, leave_out
-from rmpc_bench.config.methods import labels_of
-from rmpc_bench.config.plant import gap_warnings
-from rmpc_bench.config.report import check_report
-from rmpc_bench.config.sections import section_of
-from rmpc_bench.config.statistics import check_statistics
+from rmpc_bench.config.methods import with_labels
+from rmpc_bench.config.statistics import BEST_AT, Statistics, read_requirement
 from rmpc_bench.config.sweep import METHOD_COMPONENTS, NAME, Sweep
-from rmpc_bench.config_file.component import Component
+from rmpc_bench.config.warnings import swept_noise
 from rmpc_bench.config_file.inherit import PATH
-from rmpc_bench.config_file.tree import Map, join, locate, locate_key, split
-from rmpc_bench.models.dynamics import OdeDynamics, neglected
-from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.noise_sets import Density, DesignNoise
-from rmpc_bench.noise.gaussian import StudentT
-from rmpc_bench.noise.measurement import Delayed, Missing
+from rmpc_bench.config_file.tree import Map, Problems, join, locate_key, split
+from rmpc_bench.expressions.tokens import ExpressionError
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, has_bursts
-from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
-from rmpc_bench.types import Array, Controller, Estimate, Estimator, Method, Model, Noise, Plant, Problem
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import Problem, ResultLayout
+from rmpc_bench.types.errors import nearest
+from rmpc_bench.types.metric import AdjustKeys
 
-if TYPE_CHECKING:
-    from rmpc_bench.components.first_call import Sample
-
-
-TURNS = 2  # turns from 0 beyond which an angle of the reference is suspected to be in degrees
-LARGEST_FACTOR = 5.0  # factor of `perturb`, or its inverse, beyond which it is suspected to be an absolute value
-UNSTABLE = 1.0 + 1e-9  # modulus of an eigenvalue beyond which its mode is unstable; integrators are not
-RANK = 1e-9  # smallest singular value, relative to the largest one, at which a mode counts as connected
-NOISE_KEYS: Mapping[str, tuple[str, str]] = {
-    "linear": ("P_w", "P_v"),
-    "uncertain-linear": ("W", "V"),
-}  # kind of a model -> its keys of the process and of the measurement noise; other kinds have `noise`
-
-_LARGEST_RATIO = 1e14
-"""Ratio of variances up to which the roots of covariances give nine digits, see numerics/square_root.py."""
-_SAME = 1e-9  # relative difference of covariances that count as the same
-
-Finding = tuple[list[str | int], str]  # a path of the configuration and a message
+_METRIC = "metric of this configuration"
+_Row = tuple[str, ...]
+_NAMED = 3  # keys that the message on a path without effect names
 
 
-def warnings_of(
-    draft: DraftConfig,
-    experiment: Experiment,
-    model: Callable[[Component | None], Any],
-    start: Callable[[Any], dict[str, Array] | None],
-) -> list[Problem]:
-    """Return what is probably not meant, each with its place and the way out; the draft has no errors.
+class Checked(NamedTuple):
+    """A configuration whose sections fit each other, but for the errors that were found."""
 
-    `model` returns the design model of a component, `start` x0 and P0 for a design model.
+    draft: DraftConfig  # that of the first point, without what is inherited and does not fit
+    claims: tuple[Claim, ...]
+    labels: dict[str, str]  # method -> its label with the values of the parameters
+
+
+def check(sweep: Sweep, drafts: Sequence[DraftConfig], built: Sequence[Built], *, lenient: bool) -> Checked:
+    """Check what the sections say of each other; the errors are added to the problems of the drafts.
+
+    Figures and claims are those of the first draft, and a claim with an error is of no use.  An inherited claim, figure
+    or setting of the comparison is left out where it does not fit.  If lenient, figures and claims may reach beyond the
+    end of a run, as in a smoke run.
     """
-    found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
-    found += [*_initial(draft, model), *gap_warnings(draft, experiment), *_without_noise(draft, model, experiment)]
-    found += _densities(draft, model, experiment.plant)
-    for path, component in _models(draft).items():
-        made = model(component)
-        for message in _of_model(component, made, start(made), draft, experiment):
-            found.append(([*path], message))
-    return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
+    first, points = drafts[0], [each.point for each in built]
+    layout = layout_of(drafts, built, is_valid=not sweep.problems, lenient=lenient)
+    # What is wrong with something inherited is no error.
+    trial = replace(first, problems=Problems())
+    claims = read_claims(trial, layout)
+    check_figures(trial, layout)
+    check_report(trial, layout)
+    trial = check_statistics(trial, layout, None if points[0] is None else points[0].experiment)
+    _check_stop(trial)
+    draft, claims = leave_out(trial, claims, first.problems)
+    for each, point in zip(drafts, points, strict=True):
+        if point is not None:
+            _check_evaluation(each, point.experiment)
+    draft, labels = with_labels([draft, *drafts[1:]])
+    # Points of a sweep repeat most warnings.
+    found = {warning for each in drafts for warning in each.warnings}
+    draft = replace(draft, warnings=sorted(found.union(swept_noise(sweep.axes, first))))
+    _check_recording(first, points)
+    _check_columns(first, sweep)
+    made = [point for point in points if point is not None]
+    # What a shorter list of methods leaves of a sweep may be alike; the line that names its paths says so.
+    shortened = any(line.startswith(SWEPT_PATHS) for line in draft.left_out)
+    if len(made) == len(points) and not sweep.problems and not shortened:
+        sweep.problems.extend(_axes_without_effect(sweep, made))
+    return Checked(draft, claims, labels)
 
 
-def _densities(draft: DraftConfig, model: Callable[[Component | None], Any], plant: Plant) -> Iterator[Finding]:
-    """Say how far Ts Q_c is from the covariance over a sample, where no operating point gives that."""
-    given: list[tuple[list[str | int], Any, Any]] = []
-    for path, component in _models(draft).items():
-        noise, made = component.parameters.get("noise"), model(component)
-        if isinstance(noise, DesignNoise) and isinstance(noise.process, Density) and made.operating_point is None:
-            given.append(([*path, "noise", "process"], getattr(made, "dynamics", None), noise.process.density))
-    if plant.ode is not None and (draft.model is None or model(draft.model).operating_point is None):
-        laws = [term.law for term in draft.noise.get("process", ()) if term.law is not None]
-        given += [(["noise", "process"], OdeDynamics(plant.ode), law.parameters.get("density")) for law in laws]
-    for where, dynamics, density in given:
-        if density is None or not isinstance(dynamics, OdeDynamics):
+def check_report(draft: DraftConfig, layout: ResultLayout) -> None:
+    """Refuse a method or a metric under `report` that does not exist."""
+    given = draft.tree.get("report")
+    if not isinstance(given, Map):
+        return
+    for key, known, noun in (("order", layout.methods, "method"), ("metrics", layout.metrics, _METRIC)):
+        for number, name in enumerate(given[key] if isinstance(given.get(key), list) else ()):
+            if isinstance(name, str) and known and name not in known:
+                draft.note(["report", key, number], unknown(name, known, noun))
+
+
+def check_statistics(draft: DraftConfig, layout: ResultLayout, experiment: Experiment | None) -> DraftConfig:
+    """Check the section of the first draft; return it with the defaults of inherited names that do not exist.
+
+    Its names are read from the tree, whether or not its values are valid.
+    """
+    given = draft.tree.get("statistics")
+    if isinstance(given, Map):
+        draft = _with_known_names(draft, given, layout)
+    statistics = draft.keys.statistics
+    if statistics is None:
+        return draft
+    for place, text in enumerate(statistics.requirements):
+        try:
+            read_requirement(text, layout.metrics)
+        except ExpressionError as error:
+            path: list[str | int] = ["statistics", "requirement"]
+            path += [] if isinstance(statistics.requirement, str) else [place]
+            draft.note(path, f"column {error.column} of {text!r}: {error.message}")
+    _check_two_way(draft, statistics)
+    if experiment is None:
+        return draft
+    _check_metric(draft, statistics, experiment)
+    return _with_known_quantities(draft, statistics, experiment)
+
+
+def _with_known_names(draft: DraftConfig, given: Map, layout: ResultLayout) -> DraftConfig:
+    """Refuse a primary metric, a baseline and margins that do not exist; of inherited ones the defaults are used."""
+    dropped = dict[str, Any]()
+    for key, known, noun in (("primary", layout.metrics, _METRIC), ("baseline", layout.methods, "method")):
+        name = given.get(key)
+        if not isinstance(name, str) or name in known:
             continue
-        nx = dynamics.ode.nx
-        S, x = initial_covariance(density, nx), initial_state(draft.initial["x_hat"], nx)
-        largest = 100 * neglected(dynamics, S, x, draft.values["time"].step)
-        way = "its covariance over a sample there; an operating point `at` of the model gives that covariance"
-        yield where, f"without an operating point Q_w = Ts Q_c: at `initial.x_hat` up to {largest:.3g} % off {way}"
+        if not draft.is_inherited(["statistics", key]):
+            if known or key == "primary":
+                draft.note(["statistics", key], unknown(name, known, noun))
+        elif known:
+            dropped[key] = None
+            draft.left_out.append(f"statistics.{key}: {name} does not exist here; it is {known[0]} instead")
+    margins, gone = given.get("relevant"), list[str]()
+    for name in margins if isinstance(margins, Map) else ():
+        if name not in layout.metrics:
+            if draft.is_inherited(["statistics", "relevant", name]):
+                gone.append(name)
+                draft.left_out.append(f"statistics.relevant.{name}: there is no such metric here")
+            else:
+                draft.note(["statistics", "relevant", name], unknown(name, layout.metrics, _METRIC))
+    statistics = draft.keys.statistics
+    if statistics is None:
+        return draft
+    if gone:
+        dropped["relevant"] = {name: value for name, value in statistics.margins.items() if name not in gone}
+    return draft.with_keys(statistics=replace(statistics, **dropped))
 
 
-def _swept_noise(axes: Sequence[Sequence[str]], draft: DraftConfig) -> Iterator[Problem]:
-    """Find covariances per sample beside a sweep over the sampling time, of models that take a density."""
-    for path, component in _models(draft).items() if any("time.step" in axis for axis in axes) else ():
-        noise = component.parameters.get("noise")
-        if isinstance(noise, DesignNoise) and not isinstance(noise.process, Density):
-            where = [*path, "noise", "process"]
-            yield Problem(*locate(draft.tree, where), join(where), "P_w stays at every step; `density` follows it")
+def _check_two_way(draft: DraftConfig, statistics: Statistics) -> None:
+    two_way = statistics.two_way or {}
+    if statistics.two_way is not None and len(two_way) != 2:
+        draft.note(["statistics", "two_way"], f"must name two axes (got {len(two_way)})")
+    for part, (axis, entries) in zip((0, 2), two_way.items(), strict=False):
+        known = dict.fromkeys(name.partition("+")[part] for name in draft.keys.methods or {} if "+" in name)
+        for place, name in enumerate(entries):
+            at: list[str | int] = ["statistics", "two_way", axis, place]
+            if name not in known and not draft.is_inherited(at):
+                draft.note(at, unknown(name, known, f"{axis} in the names of methods"))
 
 
-def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> Iterator[Finding]:
-    """Find an operating point beside an initial estimate that is not given, which then is 0."""
-    if "x_hat" in section_of(draft, "initial"):
+def _check_metric(draft: DraftConfig, statistics: Statistics, experiment: Experiment) -> None:
+    """Refuse ranks and lost runs by a metric that does not fit."""
+    infos = experiment.metric_infos
+    info = next((each for each in infos if each.name == (statistics.primary or infos[0].name)), None)
+    if info is None:
         return
-    for component in _models(draft).values():
-        x = model(component).x_op
-        if x.any():
-            numbers = ", ".join(f"{value:.6g}" for value in x)
-            message = f"has no `x_hat`, so that estimates start at 0; the operating point is x = {numbers}"
-            yield ["initial"], f"{message}; give `x_hat`, as a physical state"
-            return
+    if statistics.ranks and (info.may_not_occur or info.direction == "zero"):
+        why = "may not occur in a run" if info.may_not_occur else "is best at 0, so that ratios mean nothing"
+        draft.note(["statistics", "ranks"], f"{info.name} {why}; choose another metric with statistics.primary")
+    if statistics.lost is not None and info.direction != "lower":
+        why = "a larger one is better" if info.direction == "higher" else f"it is best at {BEST_AT[info.direction]}"
+        message = f"a run is lost where {info.name} is large, but {why}"
+        draft.note(["statistics", "lost"], f"{message}; choose another metric with statistics.primary")
 
 
-def _without_noise(
-    draft: DraftConfig, model: Callable[[Component | None], Any], experiment: Experiment
-) -> Iterator[Finding]:
-    """Find laws that lose or delay measurements, and no noise, although a design model has measurement noise."""
-    laws = experiment.scenario.measurement
-    covariances = (model(component).v_law[1] for component in _models(draft).values())
-    if laws and all(isinstance(law, Missing | Delayed) for law in laws) and any(map(np.any, covariances)):
-        kinds = ", ".join(term.law.kind for term in draft.noise["measurement"] if term.law is not None)
-        message = f"has only laws that change y ({kinds}); it adds no noise, although the design model has one"
-        yield ["noise", "measurement"], f"{message}: {{sum: [same, ..]}}"
-
-
-def _scales(names: list[str], R_v: Array, draft: DraftConfig, experiment: Experiment) -> Iterator[str]:
-    """Find Student's t noise with the covariance that a filter for such noise takes for its scale matrix."""
-    laws = [law for law in experiment.scenario.measurement if isinstance(law, StudentT) and law.cov is not None]
-    for name in names:
-        estimator = draft.methods[name].estimator
-        if estimator is None or estimator.kind != "student-kalman" or estimator.resolved().get("R_v") == "covariance":
+def _with_known_quantities(draft: DraftConfig, statistics: Statistics, experiment: Experiment) -> DraftConfig:
+    """Refuse quantities that averages cannot be adjusted for; inherited ones that do not exist are left out."""
+    adjust, path = statistics.adjust, list[str | int](["statistics", "adjust"])
+    path += ["for"] if isinstance(adjust, AdjustKeys) else []
+    names = adjust.for_ if isinstance(adjust, AdjustKeys) else [] if isinstance(adjust, str) else adjust
+    laws, gone = independent_laws(experiment), list[str]()
+    known = dict.fromkeys([*experiment.scenario.quantities, *laws])
+    if names == [] and not isinstance(adjust, str):
+        draft.note(path, "must name at least one quantity; `none` adjusts for nothing")
+    for place, name in enumerate(names or ()):
+        dist = laws.get(name, {}).get("dist", "")
+        if name in (names or ())[:place]:
+            draft.note([*path, place], f"names {name!r} twice; name each once")
+        elif dist in ("uniform", "choice", "normal", "fixed"):
             continue
-        for law in laws:
-            if law.cov is not None and law.cov.shape == R_v.shape and np.allclose(law.cov, R_v, rtol=_SAME, atol=0.0):
-                message = f"R_v of this model is the covariance of the noise (t with dof = {law.dof:g})"
-                way = "give its estimator `R_v: covariance`"
-                yield f"{message}; method {name} takes it for the scale matrix: {way}"
+        elif name in known or name in experiment.scenario.burst_names:
+            no_law = "has no independent law that is known"
+            why = f"has a {dist} law, for which there are no polynomials" if dist else no_law
+            draft.note([*path, place], f"{name} {why}")
+        elif draft.is_inherited([*path, place]):
+            gone.append(name)
+            draft.left_out.append(f"statistics.adjust: {name} does not exist here")
+        else:
+            near = nearest(name, [*known])
+            others = f"known: {', '.join(known)}" if known else "give its law in `uncertainty`"
+            hint = f"did you mean {near!r}?" if near else others
+            draft.note([*path, place], f"{name!r} is not an uncertain quantity; {hint}")
+    if not gone:
+        return draft
+    kept = [name for name in names or () if name not in gone]
+    changed = replace(adjust, for_=kept) if isinstance(adjust, AdjustKeys) else kept
+    return draft.with_keys(statistics=replace(statistics, adjust=changed))
 
 
-def _digits(now: LinearModel, P0: Array) -> Iterator[str]:
-    """Find an initial covariance beside which the measurement noise has too few digits."""
-    try:
-        seen = np.linalg.inv(np.linalg.cholesky(now.R_v)).dot(now.C)
-    except np.linalg.LinAlgError:
-        return
-    ahead = [seen.dot(np.linalg.matrix_power(now.A, j)) for j in range(now.nx)]
-    ratio = max(float(np.linalg.norm(each.dot(P0).dot(each.T), 2)) for each in ahead)
-    if ratio > _LARGEST_RATIO:
-        message = f"the variance of a measurement due to `initial.P` is {ratio:.2g} times that of its noise; beyond"
-        yield f"{message} {_LARGEST_RATIO:g} the filters have fewer than nine correct digits: choose a smaller P"
+def _check_stop(draft: DraftConfig) -> None:
+    """Refuse a rule that has nothing to decide on."""
+    stop = draft.keys.stop
+    if stop is not None and "runs" not in draft.keys.evaluate:
+        draft.note(["stop"], "nothing is computed run by run here; evaluate: [runs, ...]", key=True)
+    if stop is not None and stop.decide and not any(claim is None or claim.check for claim in draft.claims):
+        draft.note(["stop", "decide"], "this configuration has no claim with a check")
 
 
-def _time(draft: DraftConfig) -> Iterator[Finding]:
-    given = draft.tree.get("time")
-    if isinstance(given, Map) and "duration" in given and "step" not in given:
-        yield ["time"], "has no `step`, so the sampling time is 1; give it, such as {step: 0.1, duration: 20}"
-
-
-def _windows(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
-    """Find bounds of windows between two samples, which probably are seconds."""
-    if experiment.tick != 1.0 or draft.values["time"].duration is not None:
-        return
-    for number, component in enumerate(draft.metrics):
-        keys = {} if component is None else component.resolved()
-        for key in ("from", "to"):
-            value = keys.get(key)
-            if isinstance(value, float) and value != int(value):
-                before, after = experiment.metric_layout.around(value)
-                message = f"{value:g} is between the samples {before} and {after}, because `time` is given in steps"
-                yield ["metrics", number, key], f"{message}; for seconds give time.duration and time.step"
-
-
-def _angles(experiment: Experiment) -> Iterator[Finding]:
-    plant = experiment.plant
-    r = experiment.scenario.reference.sample(experiment.n_steps + 1)
-    for i, column in enumerate(r.T):
-        largest = float(column[np.argmax(np.abs(column))])
-        if plant.units.get(f"y.{i}", plant.y_unit) == "rad" and abs(largest) > 2 * pi * TURNS:
-            message = f"reaches {largest:g} rad, {abs(largest) / (2 * pi):.3g} turns; angles are in radians"
-            yield ["reference"], f"{message}: {largest:g} degrees are written {largest:g}*pi/180"
-
-
-def _factors(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
-    medians: dict[str, float] = {}
-    for name, law in draft.uncertainty.items():
-        medians |= zip(law.names(name), law.draw([0.5] * len(law.streams(name))), strict=True)
-    for name, change in draft.parameter_changes.items():
-        if not change.relative:
-            continue
-        factor, nominal = change.expression(medians), experiment.plant.nominal[name]
-        path: list[str | int] = ["plant", "perturb", name]
-        if change.expression.names and factor <= 0.0:
-            uncertain = ", ".join(sorted(change.expression.names))
-            message = f"`perturb` multiplies the nominal value {nominal:g} by {factor:g} at the median of {uncertain}"
-            yield path, f"{message}; a factor around 1 is written 1 + {change.expression.text}"
-        elif not 1 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
-            message = (
-                f"`perturb` multiplies the nominal value {nominal:g} by {factor:g}, which gives {factor * nominal:g}"
-            )
-            yield path, f"{message}; an absolute value is written plant.set: {{{name}: {change.expression.text}}}"
-
-
-def _models(draft: DraftConfig) -> dict[tuple[str | int, ...], Component]:
-    """Return the design models by their path, that of all methods and those of single methods."""
-    found: dict[tuple[str | int, ...], Component] = {}
-    for name, components in draft.methods.items():
-        if components.model is draft.model and draft.model is not None:
-            found["model",] = draft.model
-        elif components.model is not None:
-            found["methods", name, "model"] = components.model
-    return found
-
-
-def _of_model(
-    component: Component, model: Any, start: dict[str, Array] | None, draft: DraftConfig, experiment: Experiment
-) -> Iterator[str]:
-    names = [name for name, each in draft.methods.items() if each.model is component]
-    methods = [method for method in experiment.methods if method.name in names]
-    if any(method.estimator.gain_schedule is not None for method in methods):
-        yield from _noise(component.kind, model, experiment)
-    if model.varies or not (model.has_sets or model.is_linear_model or component.kind in NOISE_KEYS):
-        return
-    now = model.at(0)
-    if start is not None:
-        yield from _digits(now, start["P0"])
-    yield from _scales(names, now.R_v, draft, experiment)
-    unseen = _disconnected(now.A.T, now.C.T)
-    if unseen is not None:
-        yield f"has an unobservable unstable mode (|z| = {unseen:.4g}); no estimator is stable: see A and C"
-    fixed = _disconnected(now.A, now.B)
-    if fixed is not None and any(draft.methods[name].controlled for name in names):
-        yield f"has an uncontrollable unstable mode (|z| = {fixed:.4g}); no controller is stabilising: see A and B"
-
-
-def _noise(kind: str, model: Model, experiment: Experiment) -> Iterator[str]:
-    """Find noises that a filter needs and the design model lacks."""
-    process, measurement = NOISE_KEYS.get(kind, ("noise.process", "noise.measurement"))
-    no_w = not (model.w_law[1].any() or model.M_w(0).any())
-    no_v = not (model.v_law[1].any() or model.M_v(0).any())
-    scenario, plant = experiment.scenario, experiment.plant
-    # A model with other noises than the plant may describe the measurement noise as a part of w.
-    alike = (len(model.w_law[0]), len(model.v_law[0])) == (plant.nw, plant.nv)
-    if no_w and no_v:
-        message = "has neither process nor measurement noise, so that a filter ignores or fits every measurement"
-        yield f"{message}; give {process} and {measurement}"
-    elif no_v and alike and not _silent(scenario.measurement):
-        yield f"has no measurement noise, but the plant has: a filter fits every measurement; give {measurement}"
-    elif no_w and alike and not _silent(scenario.process):
-        yield f"has no process noise, but the plant has: the gain of a filter tends to 0; give {process}"
-
-
-def _silent(terms: tuple[Noise, ...]) -> bool:
-    """Whether a noise is known to be always 0; a missing measurement is no noise."""
-    added = [term for term in terms if not term.omits_measurements and not isinstance(term, Delayed)]
-    return all(moment is not None and not moment.any() for term in added for moment in (term.mean, term.cov))
-
-
-def _disconnected(A: Array, B: Array) -> float | None:
-    """Largest modulus of an unstable eigenvalue z at which [zI - A, B] loses rank (Popov, Belevitch, Hautus)."""
-    found = []
-    for z in np.linalg.eigvals(A):
-        if abs(z) > UNSTABLE:
-            sigma = np.linalg.svd(np.hstack([z * np.eye(len(A)) - A, B]), compute_uv=False)
-            if sigma[-1] <= RANK * sigma[0]:
-                found.append(float(abs(z)))
-    return max(found, default=None)
-
-
-def check_evaluation(draft: DraftConfig, experiment: Experiment) -> None:
+def _check_evaluation(draft: DraftConfig, experiment: Experiment) -> None:
     """Add an error for every method without exact moments if no runs are evaluated: nothing would be computed."""
-    wanted = draft.values["evaluate"]
+    wanted = draft.keys.evaluate
     if "runs" in wanted:
         return
     if "moments" not in wanted:
@@ -290,128 +222,18 @@ def check_evaluation(draft: DraftConfig, experiment: Experiment) -> None:
             draft.note(["evaluate"], f"{method.name} has no exact moments: {laws}; evaluate: [runs, moments]")
 
 
-def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]) -> None:
+def _check_recording(draft: DraftConfig, points: Sequence[SweepPoint | None]) -> None:
     """Add an error to the first draft for every signal to record that does not exist at any point of the sweep."""
-    found = [experiment for experiment in experiments if experiment is not None]
-    if len(found) < len(experiments):
+    found = [point.experiment for point in points if point is not None]
+    if len(found) < len(points) or draft.keys.record is None:
         return
     there = [*SIGNALS, COVARIANCE]
     there += [name for experiment in found for method in experiment.methods for name in method.reports]
     there += [name for experiment in found for name in experiment.plant.extra_signals]
     there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
-    for number, name in enumerate(draft.values["record"].signals):
+    for number, name in enumerate(draft.keys.record.signals):
         if name not in there:
             draft.note(["record", "signals", number], unknown(name, dict.fromkeys(there), "signal"))
-
-
-class FirstCalls:
-    """The first calls of a configuration; points of a sweep with the same files share one.
-
-    No code is called if they are `left_out`, since the process that asks has done it.
-    """
-
-    def __init__(self, *, left_out: bool = False) -> None:
-        self.left_out = left_out
-        self._estimates: dict[Any, Estimate | None] = {}
-
-    def estimates(
-        self, draft: DraftConfig, plant: Plant, methods: Sequence[Method], scenario: Scenario, n_steps: int
-    ) -> dict[str, Estimate | None]:
-        """Simulate two samples of every method with components from files; what is wrong is added to the draft.
-
-        An error is a problem at the component.  A call that takes too long is a warning, since it may be only slow.
-        """
-        found: dict[str, Estimate | None] = {}
-        for method in methods:
-            named = _components(draft, method.name)
-            files = tuple(each.references() for each in named.values())
-            if not any(files):
-                continue
-            # Points with the same files and sizes differ in numbers only, and so do the values that tuning tries.
-            key = method.name.partition("~")[0], files, plant.nx, plant.nu, plant.ny
-            if key not in self._estimates:
-                # Imported here: a configuration without files of the user needs none of it.
-                from rmpc_bench.components.first_call import Sample
-
-                r = scenario.reference.sample(method.controller.preview + 2)
-                sample = Sample(scenario.x0, r, n_steps)
-                self._estimates[key] = None if self.left_out else _called(draft, named, plant, method, sample)
-            found[method.name] = self._estimates[key]
-        return found
-
-
-def _components(draft: DraftConfig, name: str) -> dict[str, Component]:
-    """Return the plant, the estimator and the controller of a method."""
-    parts = draft.methods[name]
-    named = {"plant": draft.plant, "estimator": parts.estimator, "controller": parts.controller}
-    return {role: each for role, each in named.items() if each is not None}
-
-
-def _called(
-    draft: DraftConfig, named: dict[str, Component], plant: Plant, method: Method, sample: Sample
-) -> Estimate | None:
-    from rmpc_bench.components.first_call import first_call
-
-    answer = first_call(plant, method, sample)
-    if answer.too_long is not None:
-        component = named.get(answer.too_long.role, next(each for each in named.values() if each.references()))
-        draft.warnings.append(component.problem(answer.too_long.message))
-        return None
-    for role, design in (("plant", plant), ("estimator", method.estimator), ("controller", method.controller)):
-        _keep(design, answer.seconds.get(role), answer.warnings.get(role, ()))
-    if answer.finding is not None and answer.finding.role in named:
-        draft.problems.append(named[answer.finding.role].problem(answer.finding.message))
-    return answer.estimate
-
-
-def _keep(design: Plant | Estimator | Controller, seconds: float | None, warnings: tuple[str, ...]) -> None:
-    """Note what a component written for one run costs, for the estimate of the computing time, and its warnings."""
-    from rmpc_bench.components.single_design import SingleDesign
-
-    if isinstance(design, SingleDesign):
-        design.seconds_per_step = design.seconds_per_step if seconds is None else seconds
-        more = [text for text in warnings if text not in design.remarks]
-        design.__dict__["remarks"] = (*design.remarks, *more)
-
-
-_Row = tuple[str, ...]
-_NAMED = 3  # keys that the message on a path without effect names
-
-
-def check(
-    sweep: Sweep, drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None], *, lenient: bool
-) -> tuple[Claim, ...]:
-    """Check what the sections say of each other; the errors are added to the problems of the drafts.
-
-    Figures and claims are those of the first draft, and a claim with an error is of no use.  An inherited claim, figure
-    or setting of the comparison is left out where it does not fit.  If lenient, figures and claims may reach beyond the
-    end of a run, as in a smoke run.
-    """
-    first = drafts[0]
-    layout = layout_of(drafts, points, is_valid=not sweep.problems, lenient=lenient)
-    before = len(first.problems)
-    claims = read_claims(first, layout)
-    check_figures(first, layout)
-    check_report(first)
-    check_statistics(first, points[0])
-    if first.values["stop"] is not None:
-        first.values["stop"].check(first)
-    claims = leave_out(first, claims, before)
-    for draft, point in zip(drafts, points, strict=True):
-        if point is not None:
-            check_evaluation(draft, point.experiment)
-    first.labels = labels_of(drafts)
-    # Points of a sweep repeat most warnings.
-    warnings = {warning for draft in drafts for warning in draft.warnings}
-    first.warnings = sorted(warnings.union(_swept_noise(sweep.axes, first)))
-    check_recording(first, [None if point is None else point.experiment for point in points])
-    _check_columns(first, sweep)
-    built = [point for point in points if point is not None]
-    # What a shorter list of methods leaves of a sweep may be alike; the line that names its paths says so.
-    shortened = any(line.startswith(SWEPT_PATHS) for line in first.left_out)
-    if len(built) == len(points) and not sweep.problems and not shortened:
-        sweep.problems.extend(_axes_without_effect(sweep, built))
-    return claims
 
 
 def _check_columns(draft: DraftConfig, sweep: Sweep) -> None:

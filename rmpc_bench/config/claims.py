@@ -36,8 +36,8 @@ from rmpc_bench.claims.grammar import (
     uses,
 )
 from rmpc_bench.components.designs import figure_names
-from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.draft import DraftConfig, metric_names
+from rmpc_bench.config.identity import Built
 from rmpc_bench.config.sections import Name, Text
 from rmpc_bench.config_file.tree import Map, plain
 from rmpc_bench.expressions.arithmetic import Node
@@ -235,7 +235,7 @@ class _Checker:
         runs = self.draft.tree.get("runs")
         several = isinstance(runs, int) and runs > 1
         of_runs = [*self.layout.metrics, *COUNTS] if several else []
-        of_runs += [] if "moments" in (self.draft.values["evaluate"] or ()) else self.signals
+        of_runs += [] if "moments" in self.draft.keys.evaluate else self.signals
         return any(term.quantity in of_runs for term in named)
 
     def _note(self, key: str, message: str) -> None:
@@ -280,8 +280,8 @@ class _Checker:
             return
         named = sorted(terms(tree))
         for term in named:
-            if self.draft.methods and term.method not in self.draft.methods:
-                self._note(key, unknown(term.method, self.draft.methods, "method"))
+            if self.layout.methods and term.method not in self.layout.methods:
+                self._note(key, unknown(term.method, self.layout.methods, "method"))
             if self.known and term.quantity not in (*self.known, *self.signals):
                 self._note(key, unknown(term.quantity, self.known, "metric or series of this configuration"))
         if any(term.quantity in self.of_runs for term in named):
@@ -351,7 +351,7 @@ def check_figures(draft: DraftConfig, layout: ResultLayout) -> None:
     for number, component in enumerate(draft.figures):
         if component is None:
             continue
-        figure: Figure | None = component.build(draft.problems)
+        figure: Figure | None = draft.tried(component.build)
         if figure is None:
             continue
         for key, message in figure.check(layout) if layout.is_complete else figure.check_names(layout):
@@ -361,25 +361,23 @@ def check_figures(draft: DraftConfig, layout: ResultLayout) -> None:
 Shapes = dict[str, tuple[int, ...]]
 
 
-def layout_of(
-    drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None], *, is_valid: bool, lenient: bool
-) -> ResultLayout:
+def layout_of(drafts: Sequence[DraftConfig], built: Sequence[Built], *, is_valid: bool, lenient: bool) -> ResultLayout:
     """Return the layout of the results that a configuration will have.
 
     A method may report a signal at some points only.  If the sweep has an error (not `is_valid`), its points are not
     known.  If lenient, figures may reach beyond the end of the runs, which are shorter than in the file.
     """
-    built = [point for point in points if point is not None]
-    is_complete = is_valid and len(built) == len(points)
+    points = [each.point for each in built if each.point is not None]
+    is_complete = is_valid and len(points) == len(built)
     names: dict[str, Any] = {
         "methods": tuple(drafts[0].methods),
-        "metrics": tuple(drafts[0].metric_names),
+        "metrics": tuple(metric_names([*drafts[0].metrics, *built[0].calibration])),
         "points": tuple(draft.coordinates for draft in drafts) if is_valid else (),
-        "trials": tuple(point.method_keys for point in built) if is_complete else (),
-        "has_runs": "runs" in drafts[0].values["evaluate"],
-        "tuned": tuple(drafts[0].tuning.methods),
+        "trials": tuple(point.method_keys for point in points) if is_complete else (),
+        "has_runs": "runs" in drafts[0].keys.evaluate,
+        "tuned": tuple(drafts[0].searches),
     }
-    experiments = [point.experiment for point in built]
+    experiments = [point.experiment for point in points]
     if not experiments:
         return ResultLayout(**names, is_complete=False)
     first = experiments[0]

@@ -1,26 +1,36 @@
-"""A configuration while it is validated and built: its sections, None where one has an error, and the noise `same`."""
+"""A configuration while it is validated and built: its sections, None where one has an error, and the noise `same`.
+
+No stage changes a section: it returns a draft with others.  Only what is found on the way (problems, warnings, what is
+left out) is collected.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from annotated_types import Gt
 from jaxtyping import Float
 
+from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
+from rmpc_bench.components.reference import is_reference
+from rmpc_bench.config.sections import SECTIONS, Keys, Time
 from rmpc_bench.config_file.component import Component, read_component
 from rmpc_bench.config_file.keys import validate
-from rmpc_bench.config_file.tree import OPTIONS, Map, Mark, locate, problem_at
+from rmpc_bench.config_file.tree import OPTIONS, Map, Mark, Problems, locate, problem_at
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.bursts import Share
 from rmpc_bench.noise.gaussian import gaussian, outliers, student_t
-from rmpc_bench.types import Array, Noise, NonNegative, Problem
-from rmpc_bench.types.tuning import TunedParameter, ValueRow
+from rmpc_bench.types import Array, ConfigError, Noise, NonNegative, Problem
+from rmpc_bench.types.tuning import TunedParameter
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -87,6 +97,48 @@ class NoiseTerm(NamedTuple):
     same: SameLaw | None
 
 
+@dataclass(frozen=True)
+class NoiseSection:
+    """The section `noise`."""
+
+    channels: Mapping[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)  # channel -> the terms of its noise
+    cross: Any = None  # cross-covariance of process and measurement noise: numbers, or ``same`` as that of the model
+
+    def of(self, channel: str) -> tuple[NoiseTerm, ...]:
+        """Return the terms of the noise of a channel."""
+        return self.channels.get(channel, ())
+
+
+@dataclass(frozen=True)
+class Initial:
+    """The section `initial`: the true initial state, and where the estimators start; None where one is wrong."""
+
+    x: Any = 0.0
+    x_hat: Any = 0.0
+    P: Any = "process"
+    M: Any = 0.0
+    laws: tuple[NoiseTerm, ...] = ()  # deviation of the true initial state from `x`
+    units: tuple[str, ...] = ()  # units that stand behind the numbers of `x`
+
+    @property
+    def start(self) -> dict[str, Any]:
+        """Where the estimators start, by the keys."""
+        return {"x_hat": self.x_hat, "P": self.P, "M": self.M}
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """The section `uncertainty`."""
+
+    laws: Mapping[str, distributions.UncertainLaw] = field(default_factory=dict)  # as given
+    scale: float = 1.0  # factor on the spread of all of them
+
+    @property
+    def scaled(self) -> dict[str, distributions.UncertainLaw]:
+        """The laws with the scale applied."""
+        return {name: law.scaled(self.scale) for name, law in self.laws.items()}
+
+
 class ParameterChange(NamedTuple):
     """An entry of ``perturb`` (a factor on the nominal value of a plant parameter) or ``set`` (its value)."""
 
@@ -95,15 +147,33 @@ class ParameterChange(NamedTuple):
     mark: Mark
 
 
-@dataclass
+@dataclass(frozen=True)
+class PlantLimits:
+    """The keys `bounds`, `diverged` and `angles` of a plant; None where one is wrong or not given."""
+
+    bounds: Mapping[str, list[float | None]] | None = None
+    diverged: Any = None
+    angles: Mapping[str, float] | None = None
+    units: Mapping[str, set[str]] = field(default_factory=dict)  # name under `bounds` -> units behind its numbers
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The keys that are given."""
+        given = {"bounds": self.bounds, "diverged": self.diverged, "angles": self.angles}
+        return {key: value for key, value in given.items() if value is not None}
+
+
+@dataclass(frozen=True)
 class MethodComponents:
     """The components of a method, the defaults of all methods merged in."""
 
-    label: str | None  # template of the label; None if it is made of what differs between the methods
-    model: Component | None
-    estimator: Component | None
-    controller: Component | None
+    label: str | None = None  # template of the label; None if it is made of what differs between the methods
+    model: Component | None = None
+    estimator: Component | None = None
+    controller: Component | None = None
     controlled: bool = False  # whether a controller is given, valid or not
+    source: str | None = None  # where its parameters come from, as its key `parameters` says
+    search: Search | None = None  # what its key `tune` leaves to a search; None where it has none that is valid
 
     @property
     def named(self) -> dict[str, Component | None]:
@@ -116,8 +186,8 @@ class MethodComponents:
         return all(each is not None for key, each in self.named.items() if key != "controller" or self.controlled)
 
 
-class TunedMethod(NamedTuple):
-    """What tuning chooses of a method."""
+class Search(NamedTuple):
+    """What a search chooses of a method."""
 
     parameters: tuple[TunedParameter, ...]
     default: tuple[float | None, ...]  # value of each parameter without tuning; None where it is no number
@@ -127,22 +197,11 @@ class TunedMethod(NamedTuple):
     untuned: MethodComponents  # the method without these values
 
 
-@dataclass
-class PointTuning:
-    """Tuning at one point of the sweep: values that are known, and the methods that have ranges."""
+class AlreadyNoted(ConfigError):
+    """What needs something invalid, whose error is noted already; it adds no other."""
 
-    rows: Sequence[ValueRow] = ()  # known values that the file has
-    # method -> path -> known value, of the file or of a search
-    chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    methods: dict[str, TunedMethod] = field(default_factory=dict)
-
-
-class ModelFacts(NamedTuple):
-    """Properties of a design model."""
-
-    where: str  # ``model``, or ``methods.NAME.model`` for the model of one method
-    facts: tuple[tuple[str, str], ...]  # label and text
-    remarks: tuple[str, ...]
+    def __init__(self, problems: Sequence[Problem] = ()) -> None:
+        super().__init__(problems)
 
 
 @dataclass(frozen=True)
@@ -159,86 +218,84 @@ class Inherited:
         return self.is_changed or mark.file != str(self.path)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class DraftConfig:
-    """The sections of a configuration at one point of its sweep, and the errors found so far."""
+    """The sections of a configuration at one point of its sweep, and what was found in them."""
 
     tree: Map
-    problems: list[Problem]
     coordinates: Mapping[str, str] = field(default_factory=dict)  # swept path -> text of its value
     title: str = ""  # the point in words
     access: CodeAccess = NO_ACCESS  # which files of the user may be loaded
     inherited: Inherited | None = None  # what is inherited; nothing where it is None
-    values: dict[str, Any] = field(default_factory=dict)
-    # laws of the uncertain quantities as given
-    laws: dict[str, distributions.UncertainLaw] = field(default_factory=dict)
-    scale: float = 1.0  # factor on the spread of all of them
-    parameter_changes: dict[str, ParameterChange] = field(default_factory=dict)
+    keys: Keys = Keys()
+    chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # method -> path -> value that was chosen
+    uncertainty: Uncertainty = Uncertainty()
     plant: Component | None = None
-    # limits of the true state, the keys `bounds` and `diverged` of the plant
-    plant_range: dict[str, Any] = field(default_factory=dict)
-    # name under `bounds` -> units that stand behind its numbers
-    bound_units: dict[str, set[str]] = field(default_factory=dict)
-    # units that stand behind the numbers of the initial state; empty where there is none
-    start_units: list[str] = field(default_factory=list)
+    limits: PlantLimits = PlantLimits()
+    changes: Mapping[str, ParameterChange] = field(default_factory=dict)  # parameter of the plant -> its change
     model: Component | None = None
     reference: Component | None = None
     input: Component | None = None  # input in open loop; None where there is a controller, or u = 0
-    noise: dict[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)  # channel -> the terms of its noise
-    # cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model
-    cross: Any = None
-    initial: dict[str, Any] = field(default_factory=dict)
-    methods: dict[str, MethodComponents] = field(default_factory=dict)
-    tuning: PointTuning = field(default_factory=PointTuning)
-    # method -> where its parameters come from, as its key `parameters` says
-    sources: dict[str, str] = field(default_factory=dict)
-    labels: dict[str, str] = field(default_factory=dict)  # method -> its label with the values of the parameters
+    noise: NoiseSection = NoiseSection()
+    initial: Initial = Initial()
+    methods: Mapping[str, MethodComponents] = field(default_factory=dict)
+    metrics: Sequence[Component | None] = ()
+    figures: Sequence[Component | None] = ()
+    claims: Sequence[Any] = ()  # the keys of every claim (ClaimKeys); None where it has an error
+    problems: Problems = field(default_factory=Problems)
     warnings: list[Problem] = field(default_factory=list)  # what is valid but probably not meant
     left_out: list[str] = field(default_factory=list)  # what is inherited and does not fit, in words
-    model_facts: tuple[ModelFacts, ...] = ()  # properties of the design models, once they are built
-    metrics: list[Component | None] = field(default_factory=list)
-    # metrics that the key `calibration` adds to them, once the number of states is known
-    calibrated: list[Component] = field(default_factory=list)
-    figures: list[Component | None] = field(default_factory=list)
-    claims: list[Any] = field(default_factory=list)  # the keys of every claim (ClaimKeys); None where it has an error
 
     @property
-    def uncertainty(self) -> dict[str, distributions.UncertainLaw]:
-        """Laws of the uncertain quantities with the scale applied."""
-        return {name: law.scaled(self.scale) for name, law in self.laws.items()}
+    def time(self) -> Time:
+        """The section `time` of a draft in which it is valid."""
+        assert self.keys.time is not None
+        return self.keys.time
 
     @property
-    def metric_names(self) -> list[str]:
-        """Names of the valid metrics, as columns and claims use them."""
-        valid = [component for component in (*self.metrics, *self.calibrated) if component is not None]
-        return [component.parameters["name"] for component in valid if "name" in component.parameters]
+    def searches(self) -> dict[str, Search]:
+        """What is searched, by the names of the methods."""
+        return {name: each.search for name, each in self.methods.items() if each.search is not None}
 
-    def given(self, name: str) -> Mapping[str, Any]:
-        """Return a method as the configuration gives it; nothing where its components are all defaults."""
-        found = self.values["methods"][name]
-        return found if isinstance(found, Mapping) else {}
+    @property
+    def laws(self) -> list[Component | None]:
+        """The laws of the noise and of the initial state; None for that of the design model."""
+        return [term.law for terms in (*self.noise.channels.values(), self.initial.laws) for term in terms]
 
     @property
     def with_controller(self) -> list[str]:
         """Names of the methods that have a controller of their own."""
-        own = self.values["methods"] or {}
+        own = self.keys.methods or {}
         return [name for name, method in own.items() if isinstance(method, Map) and "controller" in method]
+
+    def with_keys(self, **changed: Any) -> DraftConfig:
+        """Return a draft with other values of top-level keys."""
+        return replace(self, keys=replace(self.keys, **changed))
+
+    def section(self, name: str) -> Any:
+        """Return the tree under a top-level key, or the default of the key; the figure of a sweep is another one."""
+        if name == "figures" and name not in self.tree and self.coordinates:
+            return ["sweep"]
+        return self.tree[name] if name in self.tree else SECTIONS[name].default
 
     def is_inherited(self, path: Sequence[str | int]) -> bool:
         """Whether the value at a path is inherited: where it does not fit, it is left out instead of refused."""
         return self.inherited is not None and self.inherited(locate(self.tree, path))
 
-    def note(self, path: list[str | int], message: str, *, key: bool = False) -> None:
+    def note(self, path: Sequence[str | int], message: str, *, key: bool = False) -> None:
         """Add a problem at the value (or the key) of a path."""
         self.problems.append(problem_at(self.tree, path, message, key=key))
 
-    def checked(self, annotation: Any, path: list[str | int]) -> Any:
+    def tried(self, call: Callable[P, T], *given: P.args, **named: P.kwargs) -> T | None:
+        """Call a function; None where it raises a ConfigError, whose problems are added."""
+        return self.problems.tried(call, *given, **named)
+
+    def checked(self, annotation: Any, path: Sequence[str | int]) -> Any:
         """Validate the value at a path; None where it is wrong."""
-        parent: Any = self.tree
-        for step in path[:-1]:
-            parent = parent[step]
-        mark = locate(self.tree, path)
-        return validate(annotation, parent[path[-1]], path, self.problems, mark=mark)
+        value: Any = self.tree
+        for step in path:
+            value = value[step]
+        return self.tried(validate, annotation, value, path, mark=locate(self.tree, path))
 
     def component(
         self,
@@ -250,6 +307,28 @@ class DraftConfig:
         kind: str | None = None,
         ignore: Sequence[str] = (),
     ) -> Component | None:
-        """Validate a component, by default with the place of its path; see `read_component`."""
+        """Validate a component, by default with the place of its path; None where it has an error."""
         mark = locate(self.tree, path) if mark is None else mark
-        return read_component(group, tree, path, self.problems, mark=mark, kind=kind, ignore=ignore, access=self.access)
+        named: dict[str, Any] = {"mark": mark, "kind": kind, "ignore": ignore, "access": self.access}
+        return self.tried(read_component, group, tree, path, **named)
+
+    def components(self, group: str) -> list[Component | None]:
+        """Validate a list whose entries are names or mappings with a `kind`."""
+        found: list[Component | None] = []
+        entries = self.section(group)
+        if group == "metrics" and isinstance(entries, list) and not entries:
+            self.note([group], "there must be at least one metric")
+        for number, entry in enumerate(entries if isinstance(entries, list) else []):
+            path: list[str | int] = [group, number]
+            if not isinstance(entry, str):
+                found.append(self.component(group, entry, path))
+            elif registry.is_known(group, entry) or is_reference(entry):
+                found.append(self.component(group, Map(mark=locate(self.tree, path)), path, kind=entry))
+            else:
+                self.note(path, registry.unknown_kind(entry, group))
+        return found
+
+
+def metric_names(metrics: Iterable[Component | None]) -> list[str]:
+    """Return the names of the valid metrics, as columns and claims use them."""
+    return [each.parameters["name"] for each in metrics if each is not None and "name" in each.parameters]

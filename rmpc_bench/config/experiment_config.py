@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,11 +12,11 @@ import numpy as np
 
 from rmpc_bench.claims.claim import Claim, usual_parameters
 from rmpc_bench.components.consent import CodeAccess
-from rmpc_bench.config.draft import DraftConfig, ModelFacts
-from rmpc_bench.config.identity import SweepPoint, digest, method_data
-from rmpc_bench.config.method_tune import metric_of_tuning
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.identity import ModelFacts, SweepPoint, digest, method_data
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.report import ReportKeys
+from rmpc_bench.config.search import metric_of_tuning
 from rmpc_bench.config.sections import Execution
 from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config.stop import StopKeys
@@ -113,46 +113,45 @@ def tuning_seed(seed: int, number: int) -> int:
 
 def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> TuningPlan | None:
     """Return what there is to tune in a valid configuration; None where no method is tuned."""
-    tune = drafts[0].values["tune"]
-    if tune is None or not drafts[0].tuning.methods:
+    tune = drafts[0].keys.tune
+    if tune is None or not drafts[0].searches:
         return None
     protocol = tune.protocol(metric_of_tuning(drafts[0]))
-    seeds = [tuning_seed(draft.values["seed"], protocol.seed) for draft in drafts]
+    seeds = [tuning_seed(draft.keys.seed or 0, protocol.seed) for draft in drafts]
     shared = [digest({**point.shared, "seed": seed}) for point, seed in zip(points, seeds, strict=True)]
     searches = [
-        _search(draft, point, number, name, protocol, shared[number])
+        _wanted(draft, point, number, name, protocol, shared[number])
         for number, (draft, point) in enumerate(zip(drafts, points, strict=True))
-        for name in draft.tuning.methods
+        for name in draft.searches
     ]
     folder, test_runs = digest(sorted(set(shared))), points[0].experiment.n_runs
     return TuningPlan(protocol, tune.regret, tuple(searches), tuple(seeds), folder, test_runs)
 
 
-def _search(
+def _wanted(
     draft: DraftConfig, point: SweepPoint, number: int, name: str, protocol: TuningProtocol, shared: str
 ) -> WantedSearch:
-    tuned = draft.tuning.methods[name]
+    search = draft.searches[name]
     data = {
         "experiment": shared,
-        "method": method_data(draft, tuned.lowest, without_path),
-        "ranges": [vars(each) for each in tuned.parameters],
+        "method": method_data(draft, search.lowest, without_path),
+        "ranges": [vars(each) for each in search.parameters],
         # The number of the stream is in the seed.
         "protocol": {each: value for each, value in vars(protocol).items() if each not in ("metric", "seed")},
         "metric": point.metric_keys[protocol.metric],
     }
     key, settings = digest({**data, "code": point.code[name]}), digest(data)[:16]
-    carried = next((row.key for row in draft.tuning.rows if row.method == name), settings)
-    found = (tuned.parameters, tuned.default, key, tuned.values, settings, carried)
+    rows = [] if draft.keys.tune is None else draft.keys.tune.values
+    carried = next((row.key for row in rows if (row.at, row.method) == (draft.title, name)), settings)
+    found = (search.parameters, search.default, key, search.values, settings, carried)
     return WantedSearch(draft.title, number, name, *found)
 
 
 def parameter_words(draft: DraftConfig, plan: TuningPlan | None) -> dict[str, str]:
     """Say for every method where its parameters come from."""
-    usual = usual_parameters(draft.values["paper"])
-    words = {name: draft.sources.get(name, usual) for name in draft.methods}
-    if plan is None:
-        return words
-    return {**words, **{name: plan.words(name, words[name]) for name in draft.tuning.methods}}
+    usual = usual_parameters(draft.keys.paper)
+    words = {name: each.source or usual for name, each in draft.methods.items()}
+    return words if plan is None else words | {name: plan.words(name, words[name]) for name in draft.searches}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -284,6 +283,28 @@ class ExperimentConfig:
         methods = {point.title: [point.experiment_hash, point.methods] for point in self.points}
         given = [methods, own] if own else methods
         return digest(given if self.tuning is None else [given, self.tuning.data])
+
+
+def with_tuning(config: ExperimentConfig, drafts: Sequence[DraftConfig], origin: Origin) -> ExperimentConfig:
+    """Return a configuration that knows its searches; the values that are known are added to its resolved form."""
+    plan = tuning_plan(drafts, config.points)
+    config = replace(config, parameters=parameter_words(drafts[0], plan))
+    if plan is None:
+        return config
+    rows = [
+        {
+            **({"at": each.point} if each.point else {}),
+            "method": each.method,
+            "values": dict(each.values),
+            "key": each.carried,
+        }
+        for each in plan.searches
+        if each.values is not None
+    ]
+    resolved, first = (
+        {**tree, "tune": {**tree["tune"], "values": rows}} for tree in (config.resolved, config.first_point)
+    )
+    return replace(config, tuning=plan, origin=origin, resolved=resolved, first_point=first)
 
 
 def changes(before: Any, after: Any) -> Any:

@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -129,7 +129,25 @@ RENAMED: Mapping[str, Mapping[str, str]] = {
 }  # group -> key -> its name in the hash, under which trials were stored before it was renamed
 
 
-def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> SweepPoint:
+class ModelFacts(NamedTuple):
+    """Properties of a design model."""
+
+    where: str  # ``model``, or ``methods.NAME.model`` for the model of one method
+    facts: tuple[tuple[str, str], ...]  # label and text
+    remarks: tuple[str, ...]
+
+
+class Built(NamedTuple):
+    """What could be made of a draft."""
+
+    point: SweepPoint | None  # None where a design cannot be made
+    calibration: tuple[Component, ...] = ()  # metrics of the key `calibration`, once the number of states is known
+    facts: tuple[ModelFacts, ...] = ()  # of the design models at the first point
+
+
+def sweep_point(
+    draft: DraftConfig, experiment: Experiment, calibration: Sequence[Component], own: OwnCode
+) -> SweepPoint:
     """Return a point of the sweep with the data that identify its trials; `own` gets its files of the user."""
     return SweepPoint(
         draft.coordinates,
@@ -137,7 +155,7 @@ def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> Swe
         experiment,
         _shared(draft, experiment, own),
         {name: _method(draft, experiment, name) for name in draft.methods},
-        _metrics(draft, experiment, own),
+        _metrics([*draft.metrics, *calibration], experiment, own),
         {name: own.identity(components.named) for name, components in draft.methods.items()},
         _modules(draft, own),
         draft,
@@ -146,21 +164,20 @@ def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> Swe
 
 def _modules(draft: DraftConfig, own: OwnCode) -> dict[str, tuple[str, ...]]:
     """Return method -> names of the installed modules that compute its trials, besides those of the bench."""
-    laws = [term.law for channel in (*draft.noise.values(), draft.initial["laws"]) for term in channel]
-    common = own.modules([draft.plant, draft.reference, draft.input, *laws, *draft.metrics])
+    common = own.modules([draft.plant, draft.reference, draft.input, *draft.laws, *draft.metrics])
     return {name: tuple(sorted(common | own.modules(each.named.values()))) for name, each in draft.methods.items()}
 
 
 def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[str, Any]:
     """What all methods share."""
-    time = draft.values["time"]
+    time = draft.time
     common = {
-        "seed": draft.values["seed"],
+        "seed": draft.keys.seed,
         "time": {"step": time.step, "steps": time.n_steps},
         "uncertainty": uncertainty_data(draft),
         "plant": plant_data(draft, canonical=True),
         "noise": noise_data(draft, experiment, without_path),
-        "x": {"mean": experiment.scenario.x0.tolist(), "law": sum_data(draft.initial["laws"], without_path)},
+        "x": {"mean": experiment.scenario.x0.tolist(), "law": sum_data(draft.initial.laws, without_path)},
         "reference": draft.reference.resolved(without_path) if draft.reference else None,
     }
     roles = {"plant": draft.plant, "reference": draft.reference, "input": draft.input}
@@ -171,8 +188,9 @@ def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[st
         opponent = draft.methods[plant.opponent[0]]
         common["against"] = method_data(draft, opponent, without_path)
         roles |= {f"against.{role}": component for role, component in opponent.named.items()}
-    terms = {f"noise.{channel}.{i}": term for channel, sum_ in draft.noise.items() for i, term in enumerate(sum_)}
-    terms |= {f"initial.{i}": term for i, term in enumerate(draft.initial["laws"])}
+    sums = draft.noise.channels.items()
+    terms = {f"noise.{channel}.{i}": term for channel, sum_ in sums for i, term in enumerate(sum_)}
+    terms |= {f"initial.{i}": term for i, term in enumerate(draft.initial.laws)}
     # A density is sampled with the plant's equations at the operating point of the design model.
     densities = [term.law.parameters.get("density") for term in terms.values() if term.law is not None]
     needs_model = any(term.same is not None for term in terms.values()) or any(each is not None for each in densities)
@@ -185,10 +203,10 @@ def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[st
     return {**common, "code": code} if code else common
 
 
-def _metrics(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[str, Any]:
+def _metrics(components: Sequence[Component | None], experiment: Experiment, own: OwnCode) -> dict[str, Any]:
     """What identifies every metric, by its name; a window is given in samples, whatever the unit of time."""
     table = {}
-    for metric, component in zip(experiment.metrics, (*draft.metrics, *draft.calibrated), strict=True):
+    for metric, component in zip(experiment.metrics, components, strict=True):
         keys = set_keys(component, without_path) if component is not None else {}
         renamed = RENAMED["metrics"] if component is not None and component.is_built_in else {}
         keys = {renamed.get(name, name): value for name, value in keys.items()}
@@ -220,7 +238,7 @@ def nominal_plant(draft: DraftConfig, model: Component | None, write: Writer = a
     """
     if model is None or draft.plant is None or not model.takes("plant"):
         return None
-    return set_keys(draft.plant, write) | {key: value for key, value in draft.plant_range.items() if value is not None}
+    return set_keys(draft.plant, write) | draft.limits.data
 
 
 def set_keys(component: Component, write: Writer = as_given) -> dict[str, Any]:
@@ -238,9 +256,9 @@ def _without_later(component: Component, keys: Mapping[str, Any]) -> dict[str, A
 
 def uncertainty_data(draft: DraftConfig, *, canonical: bool = True) -> dict[str, Any]:
     """Return the distributions of the uncertain quantities; where `canonical`, their scale is applied to them."""
-    laws = draft.uncertainty if canonical else draft.laws
+    laws, scale = draft.uncertainty.scaled if canonical else draft.uncertainty.laws, draft.uncertainty.scale
     data = {name: law_data(law) for name, law in laws.items()}
-    return data if canonical or draft.scale == 1 else {**data, "scale": draft.scale}
+    return data if canonical or scale == 1 else {**data, "scale": scale}
 
 
 def law_data(law: UncertainLaw) -> dict[str, Any]:
@@ -261,20 +279,20 @@ def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]
     for key, relative in (("perturb", True), ("set", False)):
         expressions = {
             name: change.expression.canonical if canonical else change.expression.text
-            for name, change in draft.parameter_changes.items()
+            for name, change in draft.changes.items()
             if change.relative == relative
         }
         if expressions:
             plant[key] = expressions
-    return plant | {key: value for key, value in draft.plant_range.items() if value is not None}
+    return plant | draft.limits.data
 
 
 def noise_data(draft: DraftConfig, experiment: Experiment, write: Writer = as_given) -> Any:
     """Return the noise of the plant as plain data."""
-    channels = ("process", "measurement", *(["input"] if draft.noise.get("input") else []))
-    noise: dict[str, Any] = {channel: sum_data(draft.noise.get(channel, ()), write) for channel in channels}
+    channels = ("process", "measurement", *(["input"] if draft.noise.of("input") else []))
+    noise: dict[str, Any] = {channel: sum_data(draft.noise.of(channel), write) for channel in channels}
     if experiment.scenario.cross is not None:
-        noise["cross"] = draft.cross
+        noise["cross"] = draft.noise.cross
     return noise
 
 
@@ -295,5 +313,5 @@ def _term_data(term: NoiseTerm, write: Writer) -> Any:
 
 def start_data(draft: DraftConfig) -> dict[str, Any]:
     """Where the estimators start; the set M is left out where it is 0, so that earlier trials stay valid."""
-    start = {key: draft.initial[key] for key in ("x_hat", "P", "M")}
+    start = draft.initial.start
     return start if np.any(start["M"]) else {key: start[key] for key in ("x_hat", "P")}

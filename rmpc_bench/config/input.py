@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.draft import AlreadyNoted, DraftConfig
 from rmpc_bench.config.plant import refuse_runs
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.registry import NONLINEAR
@@ -31,32 +31,30 @@ def check_input(draft: DraftConfig) -> None:
         draft.note(["input"], message, key=True)
 
 
-def _places(draft: DraftConfig, signal: Component, plant: Plant) -> list[int] | None:
-    """Return the inputs that `only` names; None, with an error, where there is a wrong one, or none is left."""
+def _places(signal: Component, plant: Plant) -> list[int]:
+    """Return the inputs that `only` names; a ConfigError where there is a wrong one, or none is left."""
     try:
         found = indices_of(signal.shared["only"], PlantInfo.of(plant).inputs, plant.nu, "input")
         if len(found) < plant.nu:
             return found
         raise DesignError("must leave an input out: the controller needs one of them", "only")
     except DesignError as error:
-        draft.problems.append(signal.problem(str(error), error.parameter))
-        return None
+        raise signal.error(str(error), error.parameter) from None
 
 
 def built_controller(
     draft: DraftConfig, controller: Component, plant: Plant | None, provided: Mapping[str, Any]
 ) -> Any:
-    """Build a controller of all inputs, or of those beside the signal; None where there is an error."""
+    """Build a controller of all inputs, or of those beside the signal; a ConfigError where that is not possible."""
     component, model, estimator = draft.input, provided["model"], provided["estimator"]
     if component is None or "only" not in component.shared:
-        return controller.build_law(draft.problems, **provided)
-    places = None if plant is None else _places(draft, component, plant)
-    if plant is None or places is None:
-        return None
+        return controller.build_law(**provided)
+    if plant is None:
+        raise AlreadyNoted
+    places = _places(component, plant)
     if controller.code is not None:
-        draft.problems.append(controller.problem("a controller of your own returns all inputs; leave out `input`"))
-        return None
-    signal = component.build(draft.problems, nu=len(places), Ts=provided["Ts"], n_steps=provided["n_steps"])
+        raise controller.error("a controller of your own returns all inputs; leave out `input`")
+    signal = draft.tried(component.build, nu=len(places), Ts=provided["Ts"], n_steps=provided["n_steps"])
     known, names = component.shared.get("known", True), PlantInfo.of(plant).inputs
     if known:
         # What the disturbance adds to x(k+1) is a mean of the process noise, which laws use as an estimated one.
@@ -66,12 +64,11 @@ def built_controller(
         is_linear = controller.kind not in NONLINEAR["controllers"]
         B = model.at(0).B[:, places] if is_linear else np.zeros((model.nx, len(places)))
     except DesignError as error:
-        draft.problems.append(controller.problem(f"beside `input` it needs a linear model: {error}", "kind"))
-        return None
+        raise controller.error(f"beside `input` it needs a linear model: {error}", "kind") from None
     rest = [i for i in range(plant.nu) if i not in places]
     given = {**provided, "estimator": estimator, "measured": [names[i] for i in places] if known else ()}
-    law = controller.build_law(draft.problems, inputs=rest, **given)
-    if law is None or signal is None:
-        return None
+    law = controller.build_law(inputs=rest, **given)
+    if signal is None:
+        raise AlreadyNoted
     refuse_runs(draft, signal.n_runs, "input.file")
     return Fed(law, signal, provided["n_steps"], places, rest, B if known else None, model.u_op[places])

@@ -13,9 +13,8 @@ from typing import Any
 
 from rmpc_bench.claims.claim import FINDINGS, Claim
 from rmpc_bench.config.draft import DraftConfig, Inherited
-from rmpc_bench.config.sections import section_of
 from rmpc_bench.config_file.method_grid import GRID
-from rmpc_bench.config_file.tree import Items, Map, join, locate, locate_key, split
+from rmpc_bench.config_file.tree import Items, Map, Problems, join, locate, locate_key, split
 from rmpc_bench.config_file.yaml import load
 from rmpc_bench.received.plain_files import text_of
 from rmpc_bench.types import ConfigError, Problem
@@ -26,30 +25,33 @@ _LISTS = (("report", "order"), ("report", "metrics"), ("statistics", "requiremen
 """Settings that are lists of names, or of texts with names."""
 
 
-def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int) -> tuple[Claim, ...]:
-    """Leave out inherited claims and figures that do not fit; the draft gets a line for each kind.
+def leave_out(
+    draft: DraftConfig, claims: tuple[Claim, ...], problems: Problems
+) -> tuple[DraftConfig, tuple[Claim, ...]]:
+    """Return a checked draft and its claims without claims, figures and names that are inherited and do not fit.
 
-    It is that of the first point, and its claims and figures have been checked.  There is one claim for each of the
-    draft that is valid in itself.  `before` is the number of problems before that check.  Claims with an error that is
-    reported stay.
+    The draft gets a line for each of these.  Its other problems are added to the given ones, which are its own then.
+    There is one claim for each of the draft that is valid in itself; claims with an error that is reported stay.
     """
     found: dict[str, dict[int, Problem]] = {"claims": {}, "figures": {}}
-    kept, settings = draft.problems[:before], list[Problem]()
-    for problem in draft.problems[before:]:
+    settings = list[Problem]()
+    for problem in draft.problems:
         steps, (section, number) = problem.path.split("."), _entry(problem)
         if number is not None and section in found and draft.is_inherited([section, number]):
             found[section].setdefault(number, problem)
         elif tuple(steps[:2]) in _LISTS and draft.is_inherited(steps):
             settings.append(problem)
         else:
-            kept.append(problem)
-    draft.problems = kept
-    _drop_entries(draft, settings)
-    draft.left_out += _lines(draft, **found)
+            problems.append(problem)
+    draft = _without_entries(draft, settings)
+    draft.left_out.extend(_lines(draft, **found))
     numbers = [number for number, keys in enumerate(draft.claims) if keys is not None]
-    draft.claims = [None if number in found["claims"] else keys for number, keys in enumerate(draft.claims)]
-    draft.figures = [None if number in found["figures"] else each for number, each in enumerate(draft.figures)]
-    return tuple(claim for number, claim in zip(numbers, claims, strict=True) if number not in found["claims"])
+    claims = tuple(claim for number, claim in zip(numbers, claims, strict=True) if number not in found["claims"])
+    kept, figures = (
+        [None if number in found[key] else each for number, each in enumerate(entries)]
+        for key, entries in (("claims", draft.claims), ("figures", draft.figures))
+    )
+    return replace(draft, claims=kept, figures=figures, problems=problems), claims
 
 
 def _entry(problem: Problem) -> tuple[str, int | None]:
@@ -58,8 +60,8 @@ def _entry(problem: Problem) -> tuple[str, int | None]:
     return section, int(steps[0]) if steps and steps[0].isdigit() else None
 
 
-def _drop_entries(draft: DraftConfig, problems: list[Problem]) -> None:
-    """Drop entries of the lists under `report` and of the requirements."""
+def _without_entries(draft: DraftConfig, problems: list[Problem]) -> DraftConfig:
+    """Return a draft without entries of the lists under `report` and of the requirements."""
     gone: dict[tuple[str, str], set[str]] = {}
     for problem in problems:
         section, key, *rest = problem.path.split(".")
@@ -67,14 +69,16 @@ def _drop_entries(draft: DraftConfig, problems: list[Problem]) -> None:
         gone.setdefault((section, key), set()).add(given[int(rest[0])] if rest else given)
         draft.left_out.append(f"{problem.path}: {problem.message}")
     for (section, key), names in gone.items():
-        values = draft.values[section]
+        values = getattr(draft.keys, section)
         if values is None:
             # Another key of the section is invalid, which is an error.
             continue
         given = getattr(values, key)
         kept = [name for name in ([given] if isinstance(given, str) else given) if name not in names]
         # Without any entry of its own, a list under `report` shows everything.
-        draft.values[section] = replace(values, **{key: kept or None if section == "report" else kept})
+        changed = replace(values, **{key: kept or None if section == "report" else kept})
+        draft = draft.with_keys(**{section: changed})
+    return draft
 
 
 def _lines(draft: DraftConfig, claims: Mapping[int, Problem], figures: Mapping[int, Problem]) -> list[str]:
@@ -89,7 +93,7 @@ def _lines(draft: DraftConfig, claims: Mapping[int, Problem], figures: Mapping[i
 
 def _kind(draft: DraftConfig, number: int) -> str:
     figures = draft.tree.get("figures")
-    given = figures[number] if isinstance(figures, Items) else section_of(draft, "figures")[number]
+    given = figures[number] if isinstance(figures, Items) else draft.section("figures")[number]
     return str(given.get("kind", given.get("file", "?"))) if isinstance(given, Map) else str(given)
 
 
@@ -142,8 +146,8 @@ def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
     return (result, [f"{SWEPT_PATHS}: {', '.join(gone)}"]) if gone else (tree, [])
 
 
-def join_findings(path: Path, draft: DraftConfig) -> None:
-    """Give every claim with an `id` the findings that other configurations record for the same `id`.
+def with_findings(path: Path, draft: DraftConfig) -> DraftConfig:
+    """Return a draft in which claims with an `id` have the findings that other configurations record for the same `id`.
 
     A claim that has the key `elsewhere`, as in config.resolved.yaml, keeps it: the results of an experiment do not need
     the other files.  A claim whose `id` is given twice is a problem of the draft.
@@ -159,12 +163,13 @@ def join_findings(path: Path, draft: DraftConfig) -> None:
         seen.setdefault(keys.id, number)
         if keys.elsewhere is None:
             open_ids.add(keys.id)
-    paper = draft.values["paper"]
+    paper, claims = draft.keys.paper, [*draft.claims]
     found = _findings(path, paper, open_ids) if open_ids and paper else {}
-    for number, keys in enumerate(draft.claims):
+    for number, keys in enumerate(claims):
         if keys is not None and keys.id in open_ids:
             elsewhere = {name: each[keys.id] for name, each in found.items() if keys.id in each}
-            draft.claims[number] = replace(keys, elsewhere=elsewhere)
+            claims[number] = replace(keys, elsewhere=elsewhere)
+    return replace(draft, claims=claims)
 
 
 def _findings(path: Path, paper: str, ids: set[str]) -> dict[str, dict[str, str]]:

@@ -10,14 +10,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from rmpc_bench.claims.claim import Claim
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.build import build
-from rmpc_bench.config.check import check
+from rmpc_bench.config.check import Checked, check
 from rmpc_bench.config.draft import DraftConfig, Inherited
-from rmpc_bench.config.experiment_config import ExperimentConfig, Origin
+from rmpc_bench.config.experiment_config import ExperimentConfig, Origin, with_tuning
 from rmpc_bench.config.identity import (
-    SweepPoint,
+    Built,
     method_data,
     noise_data,
     plant_data,
@@ -26,14 +25,13 @@ from rmpc_bench.config.identity import (
     sum_data,
     uncertainty_data,
 )
-from rmpc_bench.config.left_out import fitting_metrics, fitting_sweep, join_findings, problems_at_origin
-from rmpc_bench.config.method_tune import check_tuning
+from rmpc_bench.config.left_out import fitting_metrics, fitting_sweep, problems_at_origin, with_findings
 from rmpc_bench.config.own_code import OwnCode, as_of_configuration, check_copies
 from rmpc_bench.config.plugins import load_plugins, reported_once
+from rmpc_bench.config.search import check_tuning
 from rmpc_bench.config.sections import MAX_RUNS, SECTIONS, Time
 from rmpc_bench.config.sweep import NAME, Sweep, columns, expand
 from rmpc_bench.config.tune import Chosen
-from rmpc_bench.config.tuning_designs import with_tuning
 from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.component import plain_data
 from rmpc_bench.config_file.inherit import SECTIONS_OF_A_PLANT, has_source, inherit, lay_over_source
@@ -54,9 +52,8 @@ _AS_GIVEN = ("name", "paper", "title", "calibration", "statistics", "execution",
 def canonicalise(
     path: Path,
     sweep: Sweep,
-    draft: DraftConfig,
-    points: Sequence[SweepPoint],
-    claims: tuple[Claim, ...],
+    checked: Checked,
+    built: Sequence[Built],
     own: OwnCode,
     *,
     smoke: bool,
@@ -65,10 +62,11 @@ def canonicalise(
 ) -> ExperimentConfig:
     """Return a configuration without errors in its final form, from its points with all designs made.
 
-    `draft` is that of the first point.  `own` has the files of the user that the points use, and gets those of plugins
-    and figures.  Overrides and added methods are those of the command line.
+    `own` has the files of the user that the points use, and gets those of plugins and figures.  Overrides and added
+    methods are those of the command line.
     """
-    values, experiment = draft.values, points[0].experiment
+    draft, points = checked.draft, tuple(each.point for each in built if each.point is not None)
+    keys, experiment = draft.keys, points[0].experiment
     first_point = _first_point(draft, experiment, smoke=smoke)
     _add_files(sweep.tree, draft, own)
     return ExperimentConfig(
@@ -78,18 +76,18 @@ def canonicalise(
         left_out=tuple(draft.left_out),
         warnings=(*draft.warnings, *own.warnings),
         own=own,
-        model_facts=draft.model_facts,
-        points=tuple(points),
+        model_facts=built[0].facts,
+        points=points,
         axes=sweep.axes,
-        **{key: values[key] for key in _AS_GIVEN},
-        evaluate=tuple(values["evaluate"]),
-        in_samples=values["time"].duration is None and values["time"].step == 1.0,
+        **{key: getattr(keys, key) for key in _AS_GIVEN},
+        evaluate=tuple(keys.evaluate),
+        in_samples=draft.time.duration is None and draft.time.step == 1.0,
         labels={
             name: label + " (oracle)" * (name in experiment.oracles and "oracle" not in label)
-            for name, label in draft.labels.items()
+            for name, label in checked.labels.items()
         },
         figures=tuple(figure for figure in draft.figures if figure is not None),
-        claims=claims,
+        claims=checked.claims,
         resolved=_with_sweep(first_point, sweep, own),
         first_point=first_point,
     )
@@ -140,14 +138,13 @@ def _sections_kept_by_rows(
 
 def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
     """Return the configuration at the first point of its sweep, with every default filled in."""
-    values, time = draft.values, draft.values["time"]
+    keys, time = draft.keys, draft.time
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
     given = ("version", "name", "paper", "title", "summary", "seed", "runs")
-    head = {key: values[key] for key in given if values[key] is not None}
-    stop = values["stop"]
-    if stop is not None:
+    head = {key: value for key in given if (value := getattr(keys, key)) is not None}
+    if keys.stop is not None:
         # A rule has taken its largest number of runs for that of the experiment.
-        head |= {"runs": stop.first_look, "stop": plain_data(stop)}
+        head |= {"runs": keys.stop.first_look, "stop": plain_data(keys.stop)}
     return {
         **head,
         "time": {"step": time.step, **length, **({} if time.unit == "s" else {"unit": time.unit})},
@@ -162,16 +159,16 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         **_tune(draft),
         "metrics": _metrics(draft, experiment, smoke=smoke),
         # A key that an earlier version did not have is left out unless it is used.
-        **({"calibration": plain_data(values["calibration"])} if values["calibration"] is not None else {}),
-        "statistics": {k: v for k, v in plain_data(values["statistics"]).items() if (k, v) != ("adjust", "auto")},
-        "evaluate": values["evaluate"],
-        "record": plain_data(values["record"]),
-        "report": plain_data(values["report"]),
+        **({"calibration": plain_data(keys.calibration)} if keys.calibration is not None else {}),
+        "statistics": {k: v for k, v in plain_data(keys.statistics).items() if (k, v) != ("adjust", "auto")},
+        "evaluate": keys.evaluate,
+        "record": plain_data(keys.record),
+        "report": plain_data(keys.report),
         "figures": [set_keys(figure) for figure in draft.figures if figure is not None],
         "claims": [plain_data(keys) for keys in draft.claims if keys is not None],
-        **{key: values[key] for key in ("plugins", "requires") if values[key]},
-        "execution": plain_data(values["execution"]),
-        "smoke": plain_data(values["smoke"]),
+        **{key: value for key in ("plugins", "requires") if (value := getattr(keys, key))},
+        "execution": plain_data(keys.execution),
+        "smoke": plain_data(keys.smoke),
     }
 
 
@@ -180,10 +177,10 @@ def _methods(draft: DraftConfig) -> dict[str, Any]:
     methods = {}
     for name, components in draft.methods.items():
         # The values that tuning has chosen stand under `tune`.
-        tuned = draft.tuning.methods.get(name)
-        data = method_data(draft, components if tuned is None else tuned.untuned)
+        data = method_data(draft, components if components.search is None else components.search.untuned)
         named: dict[str, Any] = {key: data[key] for key in ("model", "estimator", "controller") if key in data}
-        named |= {key: plain(own[key]) for key in ("tune", "parameters") if key in (own := draft.given(name))}
+        own = (draft.keys.methods or {})[name] or {}  # nothing where its components are all defaults
+        named |= {key: plain(own[key]) for key in ("tune", "parameters") if key in own}
         # A template stays one, so that an override of the resolved configuration changes the label too.
         methods[name] = named if components.label is None else {"label": components.label, **named}
     return methods
@@ -191,9 +188,9 @@ def _methods(draft: DraftConfig) -> dict[str, Any]:
 
 def _tune(draft: DraftConfig) -> dict[str, Any]:
     """Return the section `tune` without the values that were chosen; where it says so, nothing is tuned."""
-    tune = draft.values["tune"]
+    tune = draft.keys.tune
     if tune is None:
-        return {"tune": None} if draft.tuning.methods else {}
+        return {"tune": None} if draft.searches else {}
     return {"tune": plain_data(replace(tune, values=[]))}
 
 
@@ -201,7 +198,7 @@ def _true_start(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
     """Return the true initial state; some plants have their own."""
     if experiment.plant.has_own_start:
         return {}
-    return {"x": sum_data(draft.initial["laws"]) if draft.initial["laws"] else draft.initial["x"]}
+    return {"x": sum_data(draft.initial.laws) if draft.initial.laws else draft.initial.x}
 
 
 def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list[dict[str, Any]]:
@@ -309,21 +306,19 @@ def _validated(
     drafts = validate_sections(
         sweep.points, runs=size.runs, smoke=size.smoke, access=access, inherited=inherited, chosen=chosen
     )
-    drafts[0].left_out += left_out
-    join_findings(source.path, drafts[0])
+    drafts[0].left_out.extend(left_out)
+    drafts[0] = with_findings(source.path, drafts[0])
     own = OwnCode(access)
-    points = build(drafts, own, smoke=size.smoke)
-    claims = check(sweep, drafts, points, lenient=size.lenient)
+    built = build(drafts, own, smoke=size.smoke)
+    checked = check(sweep, drafts, built, lenient=size.lenient)
+    drafts[0], points = checked.draft, [each.point for each in built]
     check_tuning(drafts, points)
-    built = [point for point in points if point is not None]
     problems = [*sweep.problems, *own.problems]
     problems += [problem for draft in drafts for problem in problems_at_origin(draft, source.tree)]
-    if problems or len(built) < len(points):
+    if problems or None in points:
         raise ConfigError(reported_once(problems))
     options, added = source.options(size.runs, smoke=size.smoke), texts_of(source.added)
-    config = canonicalise(
-        source.path, sweep, drafts[0], built, claims, own, smoke=size.smoke, overrides=options, added=added
-    )
+    config = canonicalise(source.path, sweep, checked, built, own, smoke=size.smoke, overrides=options, added=added)
     config = replace(config, path=access.start / source.path, content=source.content)
     again = partial(_validated, source, tree, access, size, inherited, left_out)
     return with_tuning(config, drafts, Origin(sweep.points, access, size.smoke, again))

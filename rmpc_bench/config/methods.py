@@ -15,17 +15,16 @@ import dataclasses
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
-from rmpc_bench.config.method_tune import read_tuned
+from rmpc_bench.config.search import read_components, with_search
 from rmpc_bench.config.sweep import METHOD_COMPONENTS
 from rmpc_bench.config_file.component import Component, plain_data
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.method_grid import MAX_METHODS
-from rmpc_bench.config_file.tree import Map, locate_key, merge, plain, with_kind
+from rmpc_bench.config_file.tree import Map, locate_key, plain
 from rmpc_bench.config_file.yaml import dump, one_line
 from rmpc_bench.received.names import wrong_label, wrong_method
 from rmpc_bench.registry import unknown
@@ -52,29 +51,30 @@ class TunedKeys:
 Source: Any = Literal[AS_PUBLISHED, DEFAULT] | TunedKeys  # what the key `parameters` of a method may say
 
 
-def read_method_section(draft: DraftConfig) -> None:
-    """Read all methods of one point, whose design model is read; the draft gets their components and the errors."""
-    methods = draft.values["methods"]
-    # An experiment without any controller has u = 0.
-    controlled = bool(draft.with_controller)
+def read_methods(draft: DraftConfig) -> dict[str, MethodComponents]:
+    """Read all methods of one point, whose design model is read; those that are no mapping are left out."""
+    methods = draft.keys.methods
     if methods is not None and not methods:
         draft.note(["methods"], "there must be at least one method")
     if len(methods or {}) > MAX_METHODS:
-        draft.note(["methods"], f"there must be at most {MAX_METHODS:,} methods (got {len(methods):,})")
-        return
+        draft.note(["methods"], f"there must be at most {MAX_METHODS:,} methods (got {len(methods or {}):,})")
+        return {}
+    found = {}
     for name, own in (methods or {}).items():
         path: list[str | int] = ["methods", name]
         if wrong_method(name):
             draft.note(path, wrong_method(name), key=True)
         if own is None:
             own = Map(mark=locate_key(draft.tree, path))
-        if not isinstance(own, Map):
+        if isinstance(own, Map):
+            found[name] = _method(draft, name, own)
+        else:
             draft.note(path, f"must be a mapping (got {shown(own)})")
-            continue
-        _method(draft, name, own, path, controlled)
+    return found
 
 
-def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int], controlled: bool) -> None:
+def _method(draft: DraftConfig, name: str, own: Map) -> MethodComponents:
+    path: list[str | int] = ["methods", name]
     for key in own:
         if key not in METHOD_KEYS:
             draft.note([*path, key], unknown(key, METHOD_KEYS, "key"), key=True)
@@ -83,42 +83,14 @@ def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int], cont
         draft.note([*path, "label"], f"must be text (got {shown(label)})")
     elif "label" in own and (wrong := wrong_label(label)):
         draft.note([*path, "label"], wrong)
-    if "parameters" in own:
-        source = draft.checked(Source, [*path, "parameters"]) or DEFAULT
-        if isinstance(source, TunedKeys):
-            source = TuningProtocol(source.budget, source.runs, "").words
-        draft.sources[name] = source
-    read = partial(_read_components, draft, path, controlled)
-    components = read(own)
-    draft.methods[name] = components
+    found = read_components(draft, name, own)
     if own.get("tune") is not None:
-        draft.methods[name] = read_tuned(draft, name, own, read, components)
-
-
-def _read_components(draft: DraftConfig, path: list[str | int], any_controlled: bool, own: Map) -> MethodComponents:
-    named = {key: _read_component(draft, own, key, path, any_controlled) for key in METHOD_COMPONENTS}
-    controlled = own.get("controller", draft.tree.get("controller")) is not None
-    label = own.get("label")
-    return MethodComponents(None if label is None else str(label), **named, controlled=controlled)
-
-
-def _read_component(
-    draft: DraftConfig, own: Map, key: str, path: list[str | int], controlled: bool
-) -> Component | None:
-    """Merge a component of a method over the default of all methods and validate it."""
-    if key not in own and key == "model":
-        return draft.model
-    default = with_kind(f"{key}s", draft.tree.get(key))
-    tree = with_kind(f"{key}s", own[key]) if key in own else default
-    if tree is None:
-        if key != "controller" or controlled:
-            draft.note(path, f"{key!r} is missing, here and as a default of all methods")
-        return None
-    if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
-        tree = merge(default, tree)
-    if not isinstance(tree, Map) and key not in own:
-        return None
-    return draft.component(f"{key}s", tree, [*path, key], mark=own.places(key)[1])
+        found = with_search(draft, name, own, found)
+    if "parameters" not in own:
+        return found
+    source = draft.checked(Source, [*path, "parameters"]) or DEFAULT
+    words = TuningProtocol(source.budget, source.runs, "").words if isinstance(source, TunedKeys) else source
+    return replace(found, source=words)
 
 
 def method_differences(methods: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -178,10 +150,10 @@ class LabelError(ValueError):
     """A template that cannot be filled in."""
 
 
-def labels_of(drafts: Sequence[DraftConfig]) -> dict[str, str]:
-    """Return the label of every method at all points; a wrong template is a problem, or dropped where inherited."""
+def with_labels(drafts: Sequence[DraftConfig]) -> tuple[DraftConfig, dict[str, str]]:
+    """Return the first draft without inherited templates of labels that are wrong, and the labels at all points."""
     first = drafts[0]
-    labels = {}
+    labels, methods = {}, {**first.methods}
     points = {name: [_parameters(draft.methods[name]) for draft in drafts if name in draft.methods]
               for name in first.methods}  # fmt: skip
     varied = _varied([each[0] for each in points.values()])
@@ -197,10 +169,10 @@ def labels_of(drafts: Sequence[DraftConfig]) -> dict[str, str]:
             if not first.is_inherited(path):
                 first.note(path, str(error))
                 continue
-            components.label = None
+            methods[name] = replace(components, label=None)
             labels[name] = _derived(name, points[name], varied)
             first.left_out.append(f"label of {name}: {error}")
-    return labels
+    return replace(first, methods=methods), labels
 
 
 def fill(template: str, method: str, points: Sequence[Mapping[str, Parameter]]) -> str:

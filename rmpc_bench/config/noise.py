@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -13,11 +12,10 @@ from pydantic import BeforeValidator
 
 from rmpc_bench import registry
 from rmpc_bench.components.reference import is_reference
-from rmpc_bench.config.draft import DraftConfig, NoiseTerm, SameLaw
-from rmpc_bench.config.sections import section_of
-from rmpc_bench.config_file.component import Component
+from rmpc_bench.config.draft import DraftConfig, Initial, NoiseSection, NoiseTerm, SameLaw, Uncertainty
+from rmpc_bench.config_file.component import Component, read_component
 from rmpc_bench.config_file.keys import shown, validate
-from rmpc_bench.config_file.tree import FILE, Items, Map, locate
+from rmpc_bench.config_file.tree import FILE, Items, Map, error_at, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.models.delay import NONE, SAME, known_delay
 from rmpc_bench.models.dynamics import noise_of_plant
@@ -28,7 +26,7 @@ from rmpc_bench.noise.measurement import Missing
 from rmpc_bench.simulation.input_channel import least_delay
 from rmpc_bench.simulation.open_loop import Fed, Held, OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
-from rmpc_bench.types import Array, DesignError, KnownDelay, Matrix, Method, Model, Noise, Plant, PlantInfo, Problem
+from rmpc_bench.types import Array, DesignError, KnownDelay, Matrix, Method, Model, Noise, Plant, PlantInfo
 
 DISTRIBUTIONS: dict[str, type] = {
     "uniform": distributions.Uniform,
@@ -46,14 +44,14 @@ _CROSS: Any = float | list[list[float]]
 
 _TAKEN = ("run", *quantity.RESERVED)
 UNCERTAIN_MATRIX = "an uncertain entry of A is written with the kind uncertain-linear (H_A, G_x)"
-_UNKNOWN = re.compile(r"unknown name '(\w+)' \(known: pi,.*")
 SCALE = "scale"  # key of `uncertainty` that is no quantity: the factor on the spread of all of them
 
 
-def uncertain_names(draft: DraftConfig) -> list[str]:
+def uncertain_names(tree: Map) -> list[str]:
     """Return the names of the uncertain quantities of a configuration."""
-    section = draft.values["uncertainty"] or {}
-    return [each for name in section if name != SCALE for each in _names_of(section[name]) or [name]]
+    section = tree.get("uncertainty")
+    given = section if isinstance(section, Map) else {}
+    return [each for name in given if name != SCALE for each in _names_of(given[name]) or [name]]
 
 
 def _names_of(value: Any) -> list[str]:
@@ -62,23 +60,10 @@ def _names_of(value: Any) -> list[str]:
     return [each for each in of if isinstance(each, str)] if isinstance(of, Items) else []
 
 
-def explain_uncertain(draft: DraftConfig) -> None:
-    """Say of numbers that are written with an uncertain quantity where such a quantity may stand."""
-    names = uncertain_names(draft)
-
-    said = f"this value is a fixed number; it stands in `plant.perturb` and `plant.set`, and {UNCERTAIN_MATRIX}"
-
-    def explained(found: re.Match[str]) -> str:
-        return f"{found[1]!r} is an uncertain quantity, and {said}" if found[1] in names else found[0]
-
-    draft.problems[:] = [replace(each, message=_UNKNOWN.sub(explained, each.message)) for each in draft.problems]
-
-
-def read_uncertainty(draft: DraftConfig) -> None:
+def read_uncertainty(draft: DraftConfig) -> Uncertainty:
     """Read the distributions of the uncertain quantities and the scale of their spread."""
-    section = draft.values["uncertainty"] or {}
-    if SCALE in section:
-        _read_scale(draft, section[SCALE])
+    section = draft.keys.uncertainty or {}
+    laws: dict[str, distributions.UncertainLaw] = {}
     taken: set[str] = set()
     for name in section:
         if name == SCALE:
@@ -87,9 +72,10 @@ def read_uncertainty(draft: DraftConfig) -> None:
         _check_name(draft, name, path, taken)
         for number, each in enumerate(_names_of(section[name])):
             _check_name(draft, each, [*path, "of", number], taken)
-        law = _distribution(draft, section[name], path)
+        law = draft.tried(_distribution, draft.tree, section[name], path)
         if law is not None:
-            draft.laws[name] = law
+            laws[name] = law
+    return Uncertainty(laws, _scale(draft, section[SCALE]) if SCALE in section else 1.0)
 
 
 def _check_name(draft: DraftConfig, name: str, path: list[str | int], taken: set[str]) -> None:
@@ -104,123 +90,116 @@ def _check_name(draft: DraftConfig, name: str, path: list[str | int], taken: set
     taken.add(name)
 
 
-def _read_scale(draft: DraftConfig, value: Any) -> None:
+def _scale(draft: DraftConfig, value: Any) -> float:
     """Read the factor on the spread of all quantities; a law under its name is a quantity with a reserved name."""
-    path: list[str | int] = ["uncertainty", SCALE]
+    path = ["uncertainty", SCALE]
     try:
         # `+-10%` would be read as the number -0.1.
         factor = None if isinstance(value, str) and quantity.spread(value) is not None else quantity.number(value)
     except quantity.QuantityError:
         factor = None
-    if factor is None or factor < 0:
-        message = "is the factor on the spread of all quantities, a number >= 0"
-        hint = "; choose another name for a quantity" if factor is None else ""
-        draft.note(path, f"{message} (got {shown(value)}){hint}")
-    elif not uncertain_names(draft):
-        draft.note(path, "has no effect: no uncertain quantity is named", key=True)
-    else:
-        draft.scale = factor
+    if factor is not None and factor >= 0:
+        if not uncertain_names(draft.tree):
+            draft.note(path, "has no effect: no uncertain quantity is named", key=True)
+        return factor
+    message = "is the factor on the spread of all quantities, a number >= 0"
+    hint = "; choose another name for a quantity" if factor is None else ""
+    draft.note(path, f"{message} (got {shown(value)}){hint}")
+    return 1.0
 
 
-def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.UncertainLaw | None:
+def _distribution(tree: Map, value: Any, path: list[str | int]) -> distributions.UncertainLaw:
+    """Read the law of a quantity or of a group; a ConfigError has what is wrong."""
     if isinstance(value, Map):
         kind, known = value.get("dist"), GROUPS if "of" in value else DISTRIBUTIONS
         if "dist" not in value:
             wrong = [key for key in value if key in ("kind", "law", "type", "distribution")][:1]
             text = f"{wrong[0]!r} is not a known key; did you mean 'dist'?" if wrong else "needs the key `dist`"
-            draft.note([*path, *wrong], f"{text} (one of {', '.join(known)})", key=bool(wrong))
-            return None
+            raise error_at(tree, [*path, *wrong], f"{text} (one of {', '.join(known)})", key=bool(wrong))
         if not isinstance(kind, str) or kind not in known:
             noun = "distribution" if known is DISTRIBUTIONS else "distribution of several quantities"
-            draft.note([*path, "dist"], registry.unknown(str(kind), known, noun))
-            return None
+            raise error_at(tree, [*path, "dist"], registry.unknown(str(kind), known, noun))
         if known is GROUPS and not _names_of(value):
-            draft.note([*path, "of"], "must be a list of names")
-            return None
+            raise error_at(tree, [*path, "of"], "must be a list of names")
         own = value.copy()
         del own["dist"]
-        law: distributions.UncertainLaw | None = validate(known[kind], own, path, draft.problems)
+        law: distributions.UncertainLaw = validate(known[kind], own, path)
         return law
     try:
         spread = quantity.spread(value) if isinstance(value, str) else None
     except quantity.QuantityError as error:
-        draft.note(path, str(error))
-        return None
+        raise error_at(tree, path, str(error)) from None
     if spread is None:
-        choices = ", ".join(DISTRIBUTIONS)
-        draft.note(path, f"expected a range such as +-10% or {{dist: ..}} with one of {choices} (got {shown(value)})")
-        return None
+        choices = f"{{dist: ..}} with one of {', '.join(DISTRIBUTIONS)}"
+        raise error_at(tree, path, f"expected a range such as +-10% or {choices} (got {shown(value)})")
     return distributions.Uniform(-spread, spread)
 
 
-def read_noise(draft: DraftConfig) -> None:
+def read_noise(draft: DraftConfig) -> NoiseSection:
     """Read the noise of the plant, per channel."""
-    noise = section_of(draft, "noise")
-    if not isinstance(noise, Map):
-        noise = {"process": noise, "measurement": noise}
-        paths: dict[str, list[str | int]] = {name: ["noise"] for name in noise}
-        draft.cross = "same" if section_of(draft, "noise") == "same" else None
-    else:
-        paths = {name: ["noise", name] for name in noise}
-    for name, law in noise.items():
-        if name == "cross":
-            draft.cross = law if law == "same" else draft.checked(_CROSS, paths[name])
-            if isinstance(draft.cross, list) and len({len(row) for row in draft.cross}) != 1:
-                draft.note(paths[name], "must be a number or a list of rows of the same length")
-                draft.cross = None
-        elif name not in ("process", "measurement", "input"):
+    given = draft.section("noise")
+    if not isinstance(given, Map):
+        law = _laws(draft, given, ["noise"])
+        return NoiseSection({"process": law, "measurement": law}, "same" if given == "same" else None)
+    channels: dict[str, tuple[NoiseTerm, ...]] = {}
+    for name, law in given.items():
+        if name in ("process", "measurement", "input"):
+            channels[name] = _laws(draft, law, ["noise", name])
+        elif name != "cross":
             message = registry.unknown(name, ("process", "measurement", "input", "cross"), "key")
             if name in registry.names("noises"):
                 message = f"a law is given per channel: {{process: {{{name}: ..}}, measurement: {{{name}: ..}}}}"
-            draft.note(paths[name], message, key=True)
-        else:
-            draft.noise[name] = _laws(draft, law, paths[name])
+            draft.note(["noise", name], message, key=True)
+    cross = given.get("cross")
+    if "cross" in given and cross != "same":
+        cross = draft.checked(_CROSS, ["noise", "cross"])
+    if isinstance(cross, list) and len({len(row) for row in cross}) != 1:
+        draft.note(["noise", "cross"], "must be a number or a list of rows of the same length")
+        cross = None
+    return NoiseSection(channels, cross)
 
 
 def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[NoiseTerm, ...]:
     """Read a noise law that may be a sum: its terms in order; no terms for `none` and for an invalid law."""
+    if law == "none":
+        return ()
     if not (isinstance(law, Map) and list(law) == ["sum"]):
-        one = None if law == "none" else _law(draft, law, path, ("none", "same", "sum"))
+        one = draft.tried(_law, draft, law, path, ("none", "same", "sum"))
         return () if one is None else (one,)
     terms, path = law["sum"], [*path, "sum"]
     if not isinstance(terms, Items) or not terms:
         draft.note(path, f"must be a list of laws (got {shown(terms)})")
         return ()
-    return tuple(term for number, each in enumerate(terms) if (term := _term(draft, each, [*path, number])) is not None)
+    found = [draft.tried(_term, draft, each, [*path, number]) for number, each in enumerate(terms)]
+    return tuple(term for term in found if term is not None)
 
 
-def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> NoiseTerm | None:
+def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> NoiseTerm:
     """Read one term of a sum, which may be neither a sum nor `none`."""
     if isinstance(law, Map) and "sum" in law:
-        draft.note(path, "a sum inside a sum; write all terms into one list")
-    elif law == "none":
+        raise error_at(draft.tree, path, "a sum inside a sum; write all terms into one list")
+    if law == "none":
         # The number of a term names its random stream, so that a term without noise is still a term.
-        draft.note(path, "'none' adds nothing; leave it out, or switch a law off with scale: 0 (or radius: 0)")
-    else:
-        return _law(draft, law, path, ("same",))
-    return None
+        message = "'none' adds nothing; leave it out, or switch a law off with scale: 0 (or radius: 0)"
+        raise error_at(draft.tree, path, message)
+    return _law(draft, law, path, ("same",))
 
 
-def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> NoiseTerm | None:
-    """Read one noise law; None where it is invalid."""
-    # `words` are the laws without a design function that are allowed there.
+def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> NoiseTerm:
+    """Read one noise law; `words` are those without a design function that are allowed there."""
     if law == "same":
         return NoiseTerm(None, SameLaw())
     if isinstance(law, Map) and (FILE in law or is_reference(law.get("kind"))):
-        component = draft.component("noises", law, path, mark=law.mark)
-        return None if component is None else NoiseTerm(component, None)
+        return NoiseTerm(read_component("noises", law, path, mark=law.mark, access=draft.access), None)
     if message := _no_law(law, words):
-        draft.note(path, message)
-        return None
+        raise error_at(draft.tree, path, message)
     [(kind, value)] = law.items()
+    mark, path = locate(law, [kind]), [*path, kind]
     if kind == "delayed" and not isinstance(value, Map):
-        place = locate(law, [kind])
-        value = Map({"samples": value}, mark=place, value_marks={"samples": place})
+        value = Map({"samples": value}, mark=mark, value_marks={"samples": mark})
     if kind == "same":
-        same: SameLaw | None = validate(SameLaw, value, [*path, kind], draft.problems, mark=locate(law, [kind]))
-        return None if same is None else NoiseTerm(None, same)
-    component = draft.component("noises", value, [*path, kind], mark=locate(law, [kind]), kind=kind)
-    return None if component is None else NoiseTerm(component, None)
+        return NoiseTerm(None, validate(SameLaw, value, path, mark=mark))
+    return NoiseTerm(read_component("noises", value, path, mark=mark, kind=kind, access=draft.access), None)
 
 
 def _no_law(law: Any, words: tuple[str, ...]) -> str:
@@ -250,21 +229,21 @@ _Start: Any = float | list[Annotated[Any, BeforeValidator(quantity.with_unit)]]
 _INITIAL: Mapping[str, Any] = {"x": _Start, "x_hat": _Vector, "P": Matrix, "M": Matrix}
 
 
-def read_initial(draft: DraftConfig) -> None:
+def read_initial(draft: DraftConfig) -> Initial:
     """Read the true initial state and the initial estimate."""
-    initial = draft.values["initial"] or {}
-    draft.initial = {"x": 0.0, "x_hat": 0.0, "P": "process", "M": 0.0, "laws": ()}
-    for name, value in initial.items():
+    found: dict[str, Any] = {}
+    for name, value in (draft.keys.initial or {}).items():
         path: list[str | int] = ["initial", name]
         if name not in _INITIAL:
             draft.note(path, registry.unknown(name, _INITIAL, "key"), key=True)
         elif name == "x" and isinstance(value, Map):
-            draft.initial["laws"] = _laws(draft, value, path)
+            found["laws"] = _laws(draft, value, path)
         elif name != "P" or value != "process":
-            draft.initial[name] = draft.checked(_INITIAL[name], path)
-    if isinstance(draft.initial["x"], list):
-        draft.start_units = [unit for _, unit in draft.initial["x"]]
-        draft.initial["x"] = [number for number, _ in draft.initial["x"]]
+            found[name] = draft.checked(_INITIAL[name], path)
+    if isinstance(found.get("x"), list):
+        found["units"] = tuple(unit for _, unit in found["x"])
+        found["x"] = [number for number, _ in found["x"]]
+    return Initial(**found)
 
 
 class NoiseLaws:
@@ -290,17 +269,16 @@ class NoiseLaws:
             if term.same is not None:
                 found += self._same(term.same, n, channel)
             elif term.law is not None:
-                found += self._built(term.law, n, channel, names)
+                found += self.draft.tried(self._built, term.law, n, channel, names) or []
         return tuple(found)
 
     def _built(self, law: Component, n: int, channel: str, names: Sequence[str] | None) -> list[Noise]:
         signal = {"ny": n} if names is None else {"ny": len(names), "signal_names": names}
-        given = {"n": n, **signal, "Ts": self.draft.values["time"].step, "sampled": partial(self._sampled, channel)}
-        made = law.build(self.draft.problems, **given)
-        reason, key = ("", "") if made is None else _unfit(made, law.kind, channel)
+        made: Noise = law.build(n=n, **signal, Ts=self.draft.time.step, sampled=partial(self._sampled, channel))
+        reason, key = _unfit(made, law.kind, channel)
         if reason:
-            self.draft.problems.append(law.problem(reason, key))
-        return [] if reason or made is None else [made]
+            raise law.error(reason, key)
+        return [made]
 
     def _sampled(self, channel: str, density: Array) -> Array:
         """Return the covariance of a sample of white noise with a spectral density."""
@@ -310,8 +288,7 @@ class NoiseLaws:
             raise DesignError("an input is held between two samples; give std or cov", "density")
         model = None if self.draft.model is None else self.model()
         point = None if model is None else model.operating_point
-        Ts = self.draft.values["time"].step
-        return noise_of_plant(self.plant, point, density, Ts, measured=channel == "measurement")
+        return noise_of_plant(self.plant, point, density, self.draft.time.step, measured=channel == "measurement")
 
     def _same(self, same: SameLaw, n: int, channel: str) -> list[Noise]:
         """Build the noise of the design model: the stochastic part, and a set where the model has one."""
@@ -323,7 +300,7 @@ class NoiseLaws:
         if model is None:
             return []
         mean, cov, shape = _model_law(model, n, channel)
-        if channel != "initial" and _varies(model, channel, self.draft.values["time"].n_steps):
+        if channel != "initial" and _varies(model, channel, self.draft.time.n_steps):
             message = f"'same' must be one law at all k, but the {channel} noise of the design model changes with k"
         elif len(cov) != n:
             message = f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}"
@@ -347,7 +324,7 @@ class NoiseLaws:
 
     def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
         """Return a scenario of independent noises with their cross-covariance; their sizes are those of the plant."""
-        cross = self.draft.cross
+        cross = self.draft.noise.cross
         if cross == "same":
             model = self._common_model(["noise"])
             cross = None if model is None else model.S
@@ -401,10 +378,8 @@ def _varies(model: Any, channel: str, n_steps: int) -> bool:
     return any(a is not b and not np.array_equal(a, b) for a, b in pairs)
 
 
-def with_prediction(
-    method: Method, model: Model, controller: Component | None, problems: list[Problem]
-) -> Method | None:
-    """Return a method with what its delay of the input needs; None, with a problem, where its law allows none."""
+def with_prediction(method: Method, model: Model, controller: Component | None) -> Method:
+    """Return a method with what its delay of the input needs; a ConfigError where its law allows none."""
     point, law = model.operating_point, method.controller
     method = method._replace(u_before=() if point is None else tuple(point.u.tolist()))
     if not method.delay.input or controller is None:
@@ -414,8 +389,7 @@ def with_prediction(
             return method._replace(flow=prediction_flow(model) if law.uses_estimate else None)
         raise DesignError(*_without_delay(law, controller.kind))
     except DesignError as error:
-        problems.append(controller.problem(str(error), error.parameter))
-        return None
+        raise controller.error(str(error), error.parameter) from None
 
 
 def _without_delay(law: Any, kind: str) -> tuple[str, str]:
@@ -431,7 +405,7 @@ def _without_delay(law: Any, kind: str) -> tuple[str, str]:
 def _input_delay(draft: DraftConfig, nu: int) -> int | str:
     """Return the delay of the input in the noise; words where it is no number for all inputs."""
     total = 0
-    for law in (term.law for term in draft.noise.get("input", ())):
+    for law in (term.law for term in draft.noise.of("input")):
         if law is None or law.kind != "delayed":
             continue
         samples, only = law.parameters["samples"], law.parameters["only"]
@@ -444,8 +418,8 @@ def _input_delay(draft: DraftConfig, nu: int) -> int | str:
     return total
 
 
-def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -> KnownDelay | None:
-    """Return the delays that a design model knows; None where they are invalid."""
+def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -> KnownDelay:
+    """Return the delays that a design model knows; a ConfigError where they are invalid."""
     if model is None or plant is None:
         return KnownDelay()
     # A model made from the plant has its delays.
@@ -453,8 +427,7 @@ def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -
     try:
         return known_delay(given, _input_delay(draft, plant.nu), PlantInfo.of(plant).outputs)
     except DesignError as error:
-        draft.problems.append(model.problem(str(error), error.parameter))
-        return None
+        raise model.error(str(error), error.parameter) from None
 
 
 def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[Method]) -> None:

@@ -18,11 +18,11 @@ from annotated_types import Gt, Len, Lt
 from jaxtyping import Float
 from pydantic import BeforeValidator
 
-from rmpc_bench.config.draft import DraftConfig, ParameterChange
+from rmpc_bench.config.draft import DraftConfig, ParameterChange, PlantLimits
 from rmpc_bench.config.noise import uncertain_names
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import shown
-from rmpc_bench.config_file.tree import Map, locate_key
+from rmpc_bench.config_file.tree import Map, error_at, locate_key
 from rmpc_bench.expressions import quantity
 from rmpc_bench.expressions.quantity import Expression, QuantityError
 from rmpc_bench.registry import unknown
@@ -65,15 +65,15 @@ def refuse_sections(draft: DraftConfig) -> None:
         draft.note(path, "the recorded input is replayed, so that no controller can act; leave it out", key=True)
     if "input" in draft.tree:
         draft.note(["input"], "the input is the recorded one, `plant.columns.u`; leave `input` out", key=True)
-    if any(draft.noise.values()):
+    if any(draft.noise.channels.values()):
         draft.note(["noise"], "recorded data contain their noise; leave the section out", key=True)
-    if "x" in (draft.values["initial"] or {}):
+    if "x" in (draft.keys.initial or {}):
         draft.note(["initial", "x"], "the true initial state is recorded, or not known; leave `x` out", key=True)
 
 
 def refuse_runs(draft: DraftConfig, n_files: int | None, key: str) -> None:
     """Report more runs than the files under a key have; None stands for any number of runs."""
-    runs = draft.values["runs"]
+    runs = draft.keys.runs
     if n_files is None or runs is None or runs <= n_files:
         return
     message = f"there are {runs} runs, and `{key}` names {n_files} file{'s' * (n_files != 1)}: file i is run i"
@@ -123,65 +123,72 @@ Limits: Any = Limit | list[Limit] | dict[str, Limit]
 Angles: Any = list[str] | dict[str, Positive]
 
 
-def read_range(draft: DraftConfig) -> None:
-    """Validate the keys as far as the plant need not be known; sets `plant_range` and `bound_units` of the draft."""
-    tree = draft.tree["plant"]
-    for key, annotation in zip(RANGE_KEYS, (Bounds, Limits, Angles), strict=True):
-        if isinstance(tree, Map) and key in tree:
-            draft.plant_range[key] = draft.checked(annotation, ["plant", key])
-    angles = draft.plant_range.get("angles")
+def read_limits(draft: DraftConfig) -> PlantLimits:
+    """Validate the limits of the state as far as the plant need not be known."""
+    tree = draft.tree.get("plant")
+    if not isinstance(tree, Map):
+        return PlantLimits()
+    bounds, diverged, angles = (
+        draft.checked(annotation, ["plant", key]) if key in tree else None
+        for key, annotation in zip(RANGE_KEYS, (Bounds, Limits, Angles), strict=True)
+    )
     if isinstance(angles, list):
         if len({*angles}) < len(angles):
             draft.note(["plant", "angles"], f"must name each signal once (got {', '.join(angles)})")
-        draft.plant_range["angles"] = dict.fromkeys(angles, 2.0 * np.pi)
-    bounds = draft.plant_range.get("bounds")
-    if bounds:
-        pairs = {name: [None if each is None else each[0] for each in pair] for name, pair in bounds.items()}
-        draft.plant_range["bounds"] = pairs
-        draft.bound_units = {name: {each[1] for each in pair if each} - {""} for name, pair in bounds.items()}
+        angles = dict.fromkeys(angles, 2.0 * np.pi)
+    if not bounds:
+        return PlantLimits(bounds, diverged, angles)
+    pairs = {name: [None if each is None else each[0] for each in pair] for name, pair in bounds.items()}
+    units = {name: {each[1] for each in pair if each} - {""} for name, pair in bounds.items()}
+    return PlantLimits(pairs, diverged, angles, units)
 
 
-def read_plant_keys(draft: DraftConfig) -> None:
-    """Read what a plant has besides the parameters of its design: limits of the state, and changed parameters."""
+def read_changes(draft: DraftConfig) -> dict[str, ParameterChange]:
+    """Read the parameters of the plant that `perturb` and `set` change."""
+    found: dict[str, ParameterChange] = {}
     tree = draft.tree.get("plant")
-    if not isinstance(tree, Map):
-        return
-    read_range(draft)
-    for key, relative in (("perturb", True), ("set", False)):
+    for key in ("perturb", "set") if isinstance(tree, Map) else ():
         entries = tree.get(key, {})
         if not isinstance(entries, dict):
             draft.note(["plant", key], f"must be a mapping (got {shown(entries)})")
             continue
         for name, text in entries.items():
-            path: list[str | int] = ["plant", key, name]
-            if name in draft.parameter_changes:
+            path = ["plant", key, name]
+            if name in found:
                 draft.note(path, "is already changed by perturb; give one of the two", key=True)
-            try:
-                if isinstance(text, str) and quantity.spread(text) is not None:
-                    message = f"write the range under `uncertainty`, {{eps: {text}}}, and {name}: 1 + eps here"
-                    draft.note(path, message)
-                    continue
-                expression = quantity.parse(text, uncertain_names(draft))
-                draft.parameter_changes[name] = ParameterChange(expression, relative, locate_key(draft.tree, path))
-                if not expression.names:
-                    # It is the same in every run: an error shows before any of them.
-                    expression()
-            except quantity.QuantityError as error:
-                draft.note(path, str(error))
+            change = draft.tried(_change, draft.tree, path, text)
+            if change is not None:
+                found[name] = change
+    return found
+
+
+def _change(tree: Map, path: list[str], text: Any) -> ParameterChange:
+    _, key, name = path
+    try:
+        if isinstance(text, str) and quantity.spread(text) is not None:
+            message = f"write the range under `uncertainty`, {{eps: {text}}}, and {name}: 1 + eps here"
+            raise error_at(tree, path, message)
+        expression = quantity.parse(text, uncertain_names(tree))
+        if not expression.names:
+            # It is the same in every run: an error shows before any of them.
+            expression()
+        return ParameterChange(expression, key == "perturb", locate_key(tree, path))
+    except quantity.QuantityError as error:
+        raise error_at(tree, path, str(error)) from None
 
 
 def given_bounds(draft: DraftConfig) -> dict[str, tuple[float, float]]:
     """Return the bounds by their names, with infinity where there is none; those with an error are left out."""
-    bounds = draft.plant_range.get("bounds") or {}
+    bounds = draft.limits.bounds or {}
     pairs = {name: _pair(*given) for name, given in bounds.items()}
     return {name: pair for name, pair in pairs.items() if pair[0] < pair[1]}
 
 
 def mean_start(draft: DraftConfig) -> Any:
     """Mean of the initial state as plain data, as far as its laws say it; None where it has an error."""
-    x = draft.initial["x"]
+    x = draft.initial.x
     try:
-        for term in draft.initial["laws"]:
+        for term in draft.initial.laws:
             keys = {} if term.law is None else term.law.parameters
             x = np.add(x, keys.get("mean", keys.get("center", 0.0)))
         return np.asarray(x, dtype=float).tolist()
@@ -191,7 +198,7 @@ def mean_start(draft: DraftConfig) -> Any:
 
 def refuse_start(draft: DraftConfig, plant: Plant) -> None:
     """Report an initial state beside a plant that has its own, but not that of recorded runs; see `recorded_data`."""
-    if plant.has_own_start and plant.recorded is None and "x" in (draft.values["initial"] or {}):
+    if plant.has_own_start and plant.recorded is None and "x" in (draft.keys.initial or {}):
         way_out = "leave `x` out, or let the plant start from it (`plant.start: initial`)"
         draft.note(["initial", "x"], f"the true initial state is the plant's own; {way_out}", key=True)
 
@@ -232,7 +239,7 @@ def angles_of(draft: DraftConfig, plant: Plant) -> dict[str, float]:
     for place in (*places("x", plant.nx), *places("y", plant.ny)):
         for name in {place, plant.names.get(place, place)}:
             known.setdefault(name, []).append(place)
-    for name, period in (draft.plant_range.get("angles") or {}).items():
+    for name, period in (draft.limits.angles or {}).items():
         if name not in known:
             draft.note(["plant", "angles"], unknown(name, known, "state or output of this plant"))
         if not found.keys().isdisjoint(known.get(name, ())):
@@ -246,10 +253,10 @@ def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRang
 
     `x0` is the true initial state without its deviation, None where it has an error.
     """
-    bounds, found = draft.plant_range.get("bounds") or {}, len(draft.problems)
+    bounds, found = draft.limits.bounds or {}, len(draft.problems)
     inputs = () if plant.signals is None else (*plant.signals.inputs, *(f"u.{i}" for i in range(plant.nu)))
     low, high = np.full(plant.nx, -np.inf), np.full(plant.nx, np.inf)
-    for i, (name, unit) in enumerate(zip(state_names(plant), draft.start_units, strict=False)):
+    for i, (name, unit) in enumerate(zip(state_names(plant), draft.initial.units, strict=False)):
         for message in _wrong_units(plant, name, {unit} - {""}):
             draft.note(["initial", "x", i], message)
     for name, pair in bounds.items():
@@ -277,7 +284,7 @@ def _pair(lower: float | None, upper: float | None) -> tuple[float, float]:
 
 def _largest(draft: DraftConfig, plant: Plant) -> Array | None:
     """Return the magnitudes beyond which a run has diverged: NaN for a state without one, None without any."""
-    diverged = draft.plant_range.get("diverged")
+    diverged = draft.limits.diverged
     if isinstance(diverged, Mapping):
         largest = np.full(plant.nx, np.nan)
         for name, value in diverged.items():
@@ -320,7 +327,7 @@ def _states(draft: DraftConfig, plant: Plant, key: str, name: str) -> slice | No
 
 def _check_unit(draft: DraftConfig, plant: Plant, name: str) -> None:
     """Report a unit other than that of the state or the input."""
-    for message in _wrong_units(plant, name, draft.bound_units.get(name, set())):
+    for message in _wrong_units(plant, name, draft.limits.units.get(name, set())):
         draft.note(["plant", "bounds", name], message)
 
 

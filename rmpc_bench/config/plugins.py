@@ -52,7 +52,7 @@ def load_plugins(tree: Map, access: CodeAccess) -> None:
 
 def check_required(draft: DraftConfig) -> None:
     """Report every required library that is unknown or not installed; nothing is imported."""
-    names = draft.values[REQUIRES] or ()
+    names = draft.keys.requires or ()
     for number, name in enumerate(names):
         if name in names[:number]:
             draft.note([REQUIRES, number], f"{name!r} is named twice")

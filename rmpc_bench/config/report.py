@@ -7,18 +7,12 @@ This module imports no pydantic, since stored results are read without it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from annotated_types import Len
 
-from rmpc_bench.config_file.tree import Map
 from rmpc_bench.expressions.units import inches
-from rmpc_bench.registry import unknown
 from rmpc_bench.types.result_layout import DEFAULT_FORMATS, LEAST_WIDTH, MOST_WIDTH, Column, Font, Format, Style
-
-if TYPE_CHECKING:
-    from rmpc_bench.config.draft import DraftConfig
-
 
 Names = Annotated[list[str], Len(1)]
 MOST_ROWS = 1_000_000  # rows of trials.csv that are written unasked, about 100 MB
@@ -74,17 +68,3 @@ class ReportKeys:
     def writes_trials(self, n_rows: int) -> bool:
         """Whether so many rows are written to trials.csv."""
         return n_rows <= MOST_ROWS if self.trials is None else self.trials
-
-
-def check_report(draft: DraftConfig) -> None:
-    """Refuse a method or a metric under `report` that does not exist."""
-    given = draft.tree.get("report")
-    if not isinstance(given, Map):
-        return
-    for key, known, noun in [
-        ("order", draft.methods, "method"),
-        ("metrics", draft.metric_names, "metric of this configuration"),
-    ]:
-        for number, name in enumerate(given[key] if isinstance(given.get(key), list) else ()):
-            if isinstance(name, str) and known and name not in known:
-                draft.note(["report", key, number], unknown(name, known, noun))

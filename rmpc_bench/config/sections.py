@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, NamedTuple
 
 from annotated_types import Ge, Le, Len
 from pydantic import AfterValidator, Field
 
-from rmpc_bench import registry
-from rmpc_bench.components.reference import is_reference
-from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config.stop import StopKeys
 from rmpc_bench.config.tune import TuneKeys
-from rmpc_bench.config_file.component import Component
-from rmpc_bench.config_file.tree import Map, Mark, locate
 from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.received.names import EXPERIMENT
 from rmpc_bench.types import Count, Positive
@@ -178,110 +174,108 @@ class Section(NamedTuple):
     meaning: str
 
 
-SECTIONS: dict[str, Section] = {
-    "version": Section(Literal[1], ..., "Version of this format; always 1."),
-    "extends": Section(
+def _key(annotation: Any, default: Any, meaning: str, *, absent: Any = None) -> Any:
+    return field(default=absent, metadata={"section": Section(annotation, default, meaning)})
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Values of the top-level keys; None where one is wrong."""
+
+    version: int | None = _key(Literal[1], ..., "Version of this format; always 1.")
+    extends: str | None = _key(
         Text | None,
         None,
         "Configuration from which this one inherits: mappings are merged key by key, lists and scalars are "
         "replaced; `key: !delete` removes an inherited key (editors need "
         "the custom tag `!delete scalar`). The name and the claims are not inherited.",
-    ),
-    "name": Section(
+    )
+    name: str | None = _key(
         Name, ..., "Name of the experiment; letters, digits, _, - and a point. It names the results directory."
-    ),
-    "paper": Section(Name | None, None, "Key of the paper that is reproduced, such as zenere2018."),
-    "title": Section(str, "", "One line that says what is compared."),
-    "summary": Section(str, "", "What was found, in one to three sentences; shown in overviews of many experiments."),
-    "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0, "Seed of all random streams."),
-    "runs": Section(
+    )
+    paper: str | None = _key(Name | None, None, "Key of the paper that is reproduced, such as zenere2018.")
+    title: str | None = _key(str, "", "One line that says what is compared.")
+    summary: str | None = _key(
+        str, "", "What was found, in one to three sentences; shown in overviews of many experiments."
+    )
+    seed: int | None = _key(Annotated[int, Ge(0), Le(2**63 - 1)], 0, "Seed of all random streams.")
+    runs: int | None = _key(
         Annotated[int, Ge(1), Le(MAX_RUNS)], ..., "Number of runs; it may be raised later, finished runs are kept."
-    ),
-    "stop": Section(
+    )
+    stop: StopKeys | None = _key(
         StopKeys | None,
         None,
         "Rule that ends the experiment before its largest number of runs; `runs` is then the number at the first look.",
-    ),
-    "time": Section(
+    )
+    time: Time | None = _key(
         Time, ..., "Sampling time `step` [s] with `duration` [s] or a number of `steps`; samples are k = 0..N."
-    ),
-    "uncertainty": Section(
+    )
+    uncertainty: dict[str, Any] | None = _key(
         dict[str, Any],
         {},
         "Random quantities, one value per run, the same for every method: +-10% or {dist: .., ..}. The key `scale` is "
         "a factor on the spread of all of them.",
-    ),
-    "plant": Section(dict[str, Any], ..., "The true system."),
-    "model": Section(dict[str, Any], ..., "Design model of estimators and controllers; the default of all methods."),
-    "noise": Section(Any, "none", "Noise of the true system: none, same, or laws for `process` and `measurement`."),
-    "initial": Section(
+    )
+    plant: dict[str, Any] | None = _key(dict[str, Any], ..., "The true system.")
+    model: dict[str, Any] | None = _key(
+        dict[str, Any], ..., "Design model of estimators and controllers; the default of all methods."
+    )
+    noise: Any = _key(Any, "none", "Noise of the true system: none, same, or laws for `process` and `measurement`.")
+    initial: dict[str, Any] | None = _key(
         dict[str, Any], {}, "True initial state `x`, and initial estimate `x_hat` with covariance `P` and set `M`."
-    ),
-    "reference": Section(dict[str, Any], {"kind": "constant", "value": 0.0}, "What the output follows."),
-    "input": Section(dict[str, Any], {}, "Input of the plant in open loop, in place of a controller."),
-    "estimator": Section(dict[str, Any], {}, "Default estimator of all methods."),
-    "controller": Section(dict[str, Any], {}, "Default controller of all methods."),
-    "methods": Section(dict[str, Any], ..., "The pairs to compare: name -> model, estimator, controller and label."),
-    "tune": Section(
+    )
+    reference: dict[str, Any] | None = _key(
+        dict[str, Any], {"kind": "constant", "value": 0.0}, "What the output follows."
+    )
+    input: dict[str, Any] | None = _key(
+        dict[str, Any], {}, "Input of the plant in open loop, in place of a controller."
+    )
+    estimator: dict[str, Any] | None = _key(dict[str, Any], {}, "Default estimator of all methods.")
+    controller: dict[str, Any] | None = _key(dict[str, Any], {}, "Default controller of all methods.")
+    methods: dict[str, Any] | None = _key(
+        dict[str, Any], ..., "The pairs to compare: name -> model, estimator, controller and label."
+    )
+    tune: TuneKeys | None = _key(
         TuneKeys | None,
         None,
         "How the parameters under `tune` of the methods are chosen: on other runs than those of the experiment, with "
         "the same budget for each method. With `tune: null` nothing is tuned.",
-    ),
-    "sweep": Section(
+    )
+    sweep: dict[str, Any] | None = _key(
         dict[str, Any],
         {},
         "Values of some keys, named by their paths: {grid: {PATH: [..]}}, {zip: {PATH: [..]}}, {exclude: [..]}.",
-    ),
-    "metrics": Section(list[Any], ["mse"], "Numbers to keep of every run."),
-    "calibration": Section(
+    )
+    metrics: list[Any] | None = _key(list[Any], ["mse"], "Numbers to keep of every run.")
+    calibration: CalibrationKeys | None = _key(
         bool | CalibrationKeys,
         False,
         "Whether the covariances that estimators report agree with their errors, in shares and words; `true` for the "
         "defaults.",
-    ),
-    "statistics": Section(Statistics, Statistics(), "How methods are compared."),
-    "evaluate": Section(
-        Evaluate, ["runs"], "What to compute: single runs, exact moments over all runs, or the ensemble."
-    ),
-    "record": Section(RecordKeys, RecordKeys(), "Trajectories to keep."),
-    "report": Section(ReportKeys, ReportKeys(), "What tables and figures show, and how figures are written."),
-    "figures": Section(list[Any], ["boxplot"], "Figures to draw; of a sweep `sweep` if not given."),
-    "claims": Section(list[Any], [], "Statements of a paper to check."),
-    "plugins": Section(list[Text], [], "Python files whose code registers components; their names are then kinds."),
-    "requires": Section(
+    )
+    statistics: Statistics | None = _key(Statistics, Statistics(), "How methods are compared.")
+    evaluate: Sequence[str] = _key(
+        Evaluate, ["runs"], "What to compute: single runs, exact moments over all runs, or the ensemble.", absent=()
+    )
+    record: RecordKeys | None = _key(RecordKeys, RecordKeys(), "Trajectories to keep.")
+    report: ReportKeys | None = _key(
+        ReportKeys, ReportKeys(), "What tables and figures show, and how figures are written."
+    )
+    figures: list[Any] | None = _key(list[Any], ["boxplot"], "Figures to draw; of a sweep `sweep` if not given.")
+    claims: list[Any] | None = _key(list[Any], [], "Statements of a paper to check.")
+    plugins: list[str] | None = _key(
+        list[Text], [], "Python files whose code registers components; their names are then kinds."
+    )
+    requires: list[str] | None = _key(
         list[Text],
         [],
         "Optional libraries that the components need, by the extras of pip that install them. This list and an "
         "inherited one are joined.",
-    ),
-    "execution": Section(
+    )
+    execution: Execution | None = _key(
         Execution, Execution(), "Settings of the computation; none of them changes the numbers of a finished run."
-    ),
-    "smoke": Section(Smoke, Smoke(), "Size of a run with --smoke."),
-}
+    )
+    smoke: Smoke | None = _key(Smoke, Smoke(), "Size of a run with --smoke.")
 
 
-def section_of(draft: DraftConfig, name: str) -> Any:
-    """Return the tree under a top-level key, or the default of the key; the figure of a sweep is another one."""
-    if name == "figures" and name not in draft.tree and draft.coordinates:
-        return ["sweep"]
-    return draft.tree[name] if name in draft.tree else SECTIONS[name].default
-
-
-def components_of(draft: DraftConfig, group: str) -> list[Component | None]:
-    """Validate a list whose entries are names or mappings with a `kind`."""
-    components: list[Component | None] = []
-    entries = section_of(draft, group)
-    if group == "metrics" and isinstance(entries, list) and not entries:
-        draft.note([group], "there must be at least one metric")
-    for number, entry in enumerate(entries if isinstance(entries, list) else []):
-        path: list[str | int] = [group, number]
-        if not isinstance(entry, str):
-            components.append(draft.component(group, entry, path))
-        elif registry.is_known(group, entry) or is_reference(entry):
-            tree = Map(mark=Mark(*locate(draft.tree, path)))
-            components.append(draft.component(group, tree, path, kind=entry))
-        else:
-            draft.note(path, registry.unknown_kind(entry, group))
-    return components
+SECTIONS: dict[str, Section] = {each.name: each.metadata["section"] for each in fields(Keys)}

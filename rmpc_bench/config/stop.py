@@ -5,12 +5,11 @@ It belongs neither to the experiment hash nor to the trials: it chooses how many
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.types import Count
 
 EVERY = 50  # runs between two looks at the width of the intervals, where `every` is not given
@@ -56,27 +55,3 @@ class StopKeys:
     def text(self) -> str:
         """The rule as the section writes it."""
         return f"decide: {self.decide}" if self.resolve is None else f"resolve: {100 * self.resolve:g} %"
-
-    def check(self, draft: DraftConfig) -> None:
-        """Refuse a rule of the first draft that has nothing to decide on."""
-        if "runs" not in draft.values["evaluate"]:
-            draft.note(["stop"], "nothing is computed run by run here; evaluate: [runs, ...]", key=True)
-        if self.decide and not any(claim is None or claim.check for claim in draft.claims):
-            draft.note(["stop", "decide"], "this configuration has no claim with a check")
-
-
-def apply_stop(draft: DraftConfig, *, fixed: bool) -> None:
-    """Fill in the defaults of the rule and take its largest number of runs; no rule where the runs are `fixed`."""
-    values = draft.values
-    stop, runs = values["stop"], values["runs"]
-    if stop is None or runs is None:
-        return
-    if fixed:
-        values["stop"] = None
-        return
-    stop = replace(stop, min_runs=stop.min_runs or runs, every=None if stop.decide else stop.every or EVERY)
-    if stop.min_runs > stop.max_runs:
-        given = "min_runs" if "min_runs" in draft.tree["stop"] else "runs"
-        message = f"must be at least the number of runs at the first look, {given}: {stop.min_runs}"
-        draft.note(["stop", "max_runs"], f"{message} (got {stop.max_runs})")
-    values["stop"], values["runs"] = stop, stop.max_runs

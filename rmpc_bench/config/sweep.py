@@ -22,7 +22,18 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config_file.inherit import FILE, PATH, compose, open_section
-from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, locate_key, plain, problem_at, split
+from rmpc_bench.config_file.tree import (
+    Items,
+    Map,
+    Mark,
+    Problems,
+    assign,
+    locate,
+    locate_key,
+    plain,
+    problem_at,
+    split,
+)
 from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
@@ -89,7 +100,7 @@ class SweepReader:
 
     def __init__(self, tree: Map, sweep: Any) -> None:
         self.tree, self.sweep = tree, sweep
-        self.problems: list[Problem] = []
+        self.problems = Problems()
         self.refused = {NAME}
 
     def note(self, path: Sequence[str | int], message: str, *, key: bool = False) -> None:
@@ -218,13 +229,11 @@ class SweepReader:
         return [SweptValue(_text(item), item, mark, key_mark) for item, mark in zip(given, marks, strict=True)]
 
     def _check_path(self, place: Sequence[str | int], path: str) -> None:
-        before = len(self.problems)
-        try:
-            if message := self._refusal(split(path, locate_key(self.tree, ["sweep", *place]))):
-                self.note(place, message, key=True)
-        except ConfigError as error:
-            self.problems += error.problems
-        if len(self.problems) > before:
+        steps = self.problems.tried(split, path, locate_key(self.tree, ["sweep", *place]))
+        message = "" if steps is None else self._refusal(steps)
+        if message:
+            self.note(place, message, key=True)
+        if steps is None or message:
             self.refused.add(path)
 
     def _refusal(self, steps: Sequence[str]) -> str:
@@ -298,7 +307,7 @@ class Sweep(NamedTuple):
     points: list[SweptTree]
     # swept paths, those that change together as one axis; empty where there are problems
     axes: tuple[tuple[str, ...], ...]
-    problems: list[Problem]
+    problems: Problems
     """Where there are some, the points have no coordinates: they only contain each value of the sweep once, so that
     later stages find the other problems of the file."""
 
@@ -308,35 +317,28 @@ def expand(tree: Map, overrides: Sequence[Override], access: CodeAccess = NO_ACC
     found, problems = _points(tree)
     axes = () if problems else _axes(tree)
     if not problems:
-        problems = _refused(tree, axes, overrides)
-    points = []
-    for point in found:
-        try:
-            points.append(point._replace(tree=compose(point.tree, access)))
-        except ConfigError as error:
-            problems += error.problems
+        problems.extend(_refused(tree, axes, overrides))
+    trees = [problems.tried(compose, point.tree, access) for point in found]
+    points = [point._replace(tree=made) for point, made in zip(found, trees, strict=True) if made is not None]
     if not points:
         raise ConfigError(problems)
     return Sweep(tree, points, axes, problems)
 
 
-def _points(tree: Map) -> tuple[list[SweptTree], list[Problem]]:
+def _points(tree: Map) -> tuple[list[SweptTree], Problems]:
     base = tree.copy()
     sweep = base.pop("sweep", None)
     if sweep is None:
-        return [SweptTree({}, base)], []
+        return [SweptTree({}, base)], Problems()
     section = SweepReader(tree, sweep)
     axes = section.axes()
     excluded = section.excluded(axes)
     chosen = [] if section.problems else list(section.chosen(axes, excluded))
-    try:
-        found = [_point(base, axes, values) for values in chosen]
-    except ConfigError as error:
-        # A path leads through something that is no mapping.
-        found, section.problems = [], [*section.problems, *error.problems]
-    if section.problems:
-        return [SweptTree({}, single) for single in section.singles(base, axes)], section.problems
-    return found, []
+    # A path may lead through something that is no mapping.
+    found = section.problems.tried(lambda: [_point(base, axes, values) for values in chosen])
+    if found is None or section.problems:
+        found = [SweptTree({}, single) for single in section.singles(base, axes)]
+    return found, section.problems
 
 
 def _axes(tree: Map) -> tuple[tuple[str, ...], ...]:
@@ -359,14 +361,12 @@ def _point(base: Map, axes: Sequence[Axis], values: Sequence[tuple[SweptValue, .
     return SweptTree(coordinates, tree, ", ".join(words))
 
 
-def _refused(tree: Map, axes: Sequence[Sequence[str]], overrides: Sequence[Override]) -> list[Problem]:
+def _refused(tree: Map, axes: Sequence[Sequence[str]], overrides: Sequence[Override]) -> Iterator[Problem]:
     """Refuse overrides of values that the sweep replaces."""
-    problems = []
     for path, _, mark in overrides:
         for swept in (path for axis in axes for path in axis if path != NAME):
             steps = split(swept, mark)
             if split(path, mark)[: len(steps)] == steps:
                 section = "grid" if swept in tree["sweep"].get("grid", {}) else "zip"
                 message = f"is swept, so this has no effect; set 'sweep.{section}.\"{swept}\"', or sweep=null"
-                problems.append(Problem(*mark, path, message))
-    return problems
+                yield Problem(*mark, path, message)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
@@ -21,7 +21,18 @@ from rmpc_bench.components.loading import reference_of, user_code
 from rmpc_bench.components.reference import CodeError, CodeReference, DataReference, is_reference
 from rmpc_bench.components.transport import Recipe, inside
 from rmpc_bench.config_file.keys import keys_of, keys_with_files, own_first, shown, validate
-from rmpc_bench.config_file.tree import FILE, Map, Mark, given_forms, join, locate, locate_key, split, with_kind
+from rmpc_bench.config_file.tree import (
+    FILE,
+    Map,
+    Mark,
+    Problems,
+    given_forms,
+    join,
+    locate,
+    locate_key,
+    split,
+    with_kind,
+)
 from rmpc_bench.config_file.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.extras import MissingLibraryError, missing_for
@@ -30,7 +41,7 @@ from rmpc_bench.models.disturbance import Disturbance
 from rmpc_bench.models.linear import HeldModel
 from rmpc_bench.simulation.open_loop import Held
 from rmpc_bench.simulation.scenario import initial_state
-from rmpc_bench.types import Count, DesignError, Issue, Problem, contract
+from rmpc_bench.types import ConfigError, Count, DesignError, Issue, Problem, contract
 from rmpc_bench.types.basics import declaring
 
 SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {
@@ -72,9 +83,10 @@ class Component:
     # keys that every component of the group has; those that are not given are left out
     shared: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
-    def build(self, problems: list[Problem], **provided: Any) -> Any:
-        """Call the design function with those provided objects that it takes; None, and a problem, on a DesignError."""
-        return self._guarded(lambda: self.made(provided), problems)
+    def build(self, **provided: Any) -> Any:
+        """Call the design function with those provided objects that it takes; a ConfigError where it refuses them."""
+        with self._errors_placed():
+            return self.made(provided)
 
     def made(self, provided: Mapping[str, Any]) -> Any:
         """Call the design function as `build` does; exceptions are not caught."""
@@ -86,45 +98,40 @@ class Component:
             recipe.remember(made)
         return made
 
-    def build_law(self, problems: list[Problem], *, inputs: Sequence[int] | None = None, **provided: Any) -> Any:
+    def build_law(self, *, inputs: Sequence[int] | None = None, **provided: Any) -> Any:
         """Build a controller; with `every: m` it is designed for a model over m samples, and its input is held.
 
         With `preview: false` it predicts with r(k) for all samples ahead.  The law has the `inputs`, or all.
         """
         every, preview, model = self.shared.get("every", 1), self.shared.get("preview", True), provided["model"]
         if not preview and (self.code is not None or self.kind not in ("gpc", "mpc")):
-            problems.append(self.problem("is a key of gpc and mpc", "preview"))
-            return None
+            raise self.error("is a key of gpc and mpc", "preview")
         if every == 1 and inputs is None:
-            made = self.build(problems, **provided)
-            return made if preview or made is None else Held(made, 1, np.eye(model.nx), knows_ahead=False)
+            made = self.build(**provided)
+            return made if preview else Held(made, 1, np.eye(model.nx), knows_ahead=False)
         if every > provided["n_steps"]:
-            problems.append(self.problem(f"must be at most the number of samples, {provided['n_steps']}", "every"))
-            return None
+            raise self.error(f"must be at most the number of samples, {provided['n_steps']}", "every")
         if every > 1 and (self.code is not None or self.kind not in HELD):
-            problems.append(self.problem(f"is a key of {', '.join(HELD)}", "every"))
-            return None
+            raise self.error(f"is a key of {', '.join(HELD)}", "every")
         try:
             # A state-dependent model raises a DesignError, which says how it becomes a linear one.
             over = HeldModel(model, every, inputs)
         except DesignError as error:
             if self.kind not in registry.NONLINEAR["controllers"]:
                 key = "every" if every > 1 else ""
-                problems.append(self.problem(f"{key or 'it'} needs a linear model: {error}", key))
-                return None
+                raise self.error(f"{key or 'it'} needs a linear model: {error}", key) from None
             over, model = None, model if inputs is None else declaring(model, nu=len(inputs))
         size = {"model": over or model, "Ts": every * provided["Ts"], "n_steps": -(-provided["n_steps"] // every)}
-        made = self.build(problems, **{**provided, **size})
-        held = np.eye(model.nx) if over is None else over.held
-        return None if made is None else Held(made, every, held, knows_ahead=preview)
+        made = self.build(**{**provided, **size})
+        return Held(made, every, np.eye(model.nx) if over is None else over.held, knows_ahead=preview)
 
-    def extended(self, made: Any, problems: list[Problem], *, n_steps: int, x_hat: Any) -> Any:
-        """Return a built design model with its disturbances; None where there is a problem, at the parameter to blame.
+    def extended(self, made: Any, *, n_steps: int, x_hat: Any) -> Any:
+        """Return a built design model with its disturbances; a ConfigError blames one of their parameters.
 
         `n_steps` is the number of control periods N, `x_hat` the initial estimate as configured.
         """
         keys = self.shared.get("disturbance")
-        if keys is None or made is None:
+        if keys is None:
             return made
         # Imported here: most configurations have no disturbances.
         from rmpc_bench.models.disturbed import with_disturbance
@@ -133,30 +140,29 @@ class Component:
             with np.errstate(all="ignore"):
                 return with_disturbance(made, keys, n_steps, initial_state(x_hat, made.nx))
         except DesignError as error:
-            problems.append(self.problem(str(error), f"disturbance.{error.parameter}".rstrip(".")))
-            return None
+            raise self.error(str(error), f"disturbance.{error.parameter}".rstrip(".")) from None
 
-    def check(self, issues: Callable[[], Iterable[Issue]]) -> list[Problem]:
-        """Call what finds issues of the built component and return them as problems at the keys to blame."""
-        problems: list[Problem] = []
-        found = self._guarded(lambda: list(issues()), problems)
-        return problems + [self.problem(issue.message, issue.key) for issue in found or ()]
+    def check(self, issues: Callable[[], Iterable[Issue]]) -> None:
+        """Call what finds issues of the built component; a ConfigError has them at the keys to blame."""
+        with self._errors_placed():
+            found = [*issues()]
+        Problems(self.problem(issue.message, issue.key) for issue in found).stop()
 
-    def _guarded(self, call: Callable[[], Any], problems: list[Problem]) -> Any:
-        """Call something of the component; None where it fails, with the reason in the problems."""
+    @contextmanager
+    def _errors_placed(self) -> Iterator[None]:
+        """Raise a ConfigError with the place of what is wrong for an error of something of the component."""
         try:
             # An overflow is refused by the design function or shows as a failed run.
             with np.errstate(all="ignore"), nullcontext() if self.is_built_in else user_code():
-                return call()
+                yield
         except DesignError as error:
-            problems.append(self.problem(str(error), error.parameter))
+            raise self.error(str(error), error.parameter) from None
         except CodeError as error:
-            problems.append(self.problem(error.line))
+            raise self.error(error.line) from None
         except MissingLibraryError as error:
-            problems.append(self.problem(str(error)))
+            raise self.error(str(error)) from None
         except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
-            problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
-        return None
+            raise self.error(f"cannot be computed from these numbers ({error})") from None
 
     @property
     def is_built_in(self) -> bool:
@@ -199,6 +205,10 @@ class Component:
         shown_steps = [FILE] if steps == ["kind"] and self.code is not None else steps
         return Problem(*locate(self.tree, steps), join([*self.path, *shown_steps]), message)
 
+    def error(self, message: str, parameter: str = "") -> ConfigError:
+        """Return an error of this component, at the parameter to blame."""
+        return ConfigError([self.problem(message, parameter)])
+
     def resolved(self, write: Writer = as_given) -> dict[str, Any]:
         """Return the component as plain data with every default; `write` replaces what is from a file of the user."""
         kind = {"kind": self.kind} if self.code is None else {"file": write(self.code)}
@@ -227,33 +237,26 @@ def read_component(
     group: str,
     tree: Any,
     path: Sequence[str | int],
-    problems: list[Problem],
     *,
     mark: tuple[str, int, int],
     kind: str | None = None,
     ignore: Sequence[str] = (),
     access: CodeAccess = NO_ACCESS,
-) -> Component | None:
-    """Validate a component against the signature of its design function; None where there is an error.
+) -> Component:
+    """Validate a component against the signature of its design function; a ConfigError has all that is wrong.
 
     `mark` is the place to show when the tree has none of its own, `kind` counts where there is no such key.  Keys to
     ignore are validated elsewhere.  `access` says which files of the user may be loaded.
     """
     if not isinstance(tree, Map):
-        problems.append(Problem(*mark, join(path), f"must be a mapping (got {shown(tree)})"))
-        return None
+        raise ConfigError([Problem(*mark, join(path), f"must be a mapping (got {shown(tree)})")])
     if kind is None:
         tree = with_kind(group, tree)
-    kind = kind or _kind(group, tree, path, problems)
-    if kind is None:
-        return None
-    found = _design(group, kind, tree, path, mark, access, problems)
-    if found is None:
-        return None
-    code, design = found
+        kind = _kind(group, tree, path)
+    code, design = _design(group, kind, tree, path, mark, access)
     kind = kind if code is None else code.text
     model = keys_of(group, kind, design)
-    own, before = tree.copy(), len(problems)
+    own, problems = tree.copy(), Problems()
     for key in ("kind", *ignore):
         own.pop(key, None)
     if FILE in own and FILE not in {field.alias or name for name, field in model.model_fields.items()}:
@@ -263,45 +266,29 @@ def read_component(
     if group == "plants" and "delay" in own and "delay" not in model.model_fields:
         del own["delay"]
         problems.append(Problem(*locate_key(tree, ["delay"]), join([*path, "delay"]), DELAY_OF_PLANT))
-    shared = _shared(group, own, model, path, problems)
+    shared = {}
+    for name, annotation in SHARED_KEYS.get(group, {}).items():
+        # A component of a user may have had a key of this name before.
+        if name not in own or name in model.model_fields:
+            continue
+        place, value = locate(own, [name]), own.pop(name)
+        if value is not None and (value != NONE or name != "disturbance"):
+            shared[name] = problems.tried(validate, annotation, value, [*path, name], mark=place)
     own = placed(own, keys_with_files(group, kind, design), access)
-    checked = validate(model, own, path, problems, further=[*SHARED_KEYS.get(group, {})])
-    if checked is None or len(problems) > before:
-        return None
-    parameters = {name: getattr(checked, name) for name in type(checked).model_fields}
+    checked = problems.tried(validate, model, own, path, further=[*SHARED_KEYS.get(group, {})])
+    problems.stop()
+    parameters = {name: getattr(checked, name) for name in model.model_fields}
     return Component(group, kind, parameters, tree, tuple(path), design, code, shared)
 
 
-def _shared(
-    group: str, own: Map, keys: type[BaseModel], path: Sequence[str | int], problems: list[Problem]
-) -> dict[str, Any]:
-    """Take the keys that every component of a group has from its tree, and validate them."""
-    found = {}
-    for name, annotation in SHARED_KEYS.get(group, {}).items():
-        # A component of a user may have had a key of this name before.
-        if name not in own or name in keys.model_fields:
-            continue
-        mark, value = locate(own, [name]), own.pop(name)
-        if value is not None and (value != NONE or name != "disturbance"):
-            found[name] = validate(annotation, value, [*path, name], problems, mark=mark)
-    return found
-
-
 def _design(
-    group: str,
-    kind: str,
-    tree: Map,
-    path: Sequence[str | int],
-    mark: tuple[str, int, int],
-    access: CodeAccess,
-    problems: list[Problem],
-) -> tuple[CodeReference | None, Callable[..., Any]] | None:
-    """Return the reference and the design function of a component, whose keys can be read; None where it has none."""
+    group: str, kind: str, tree: Map, path: Sequence[str | int], mark: tuple[str, int, int], access: CodeAccess
+) -> tuple[CodeReference | None, Callable[..., Any]]:
+    """Return the reference and the design function of a component, whose keys can be read."""
     kind_mark = locate(tree, ["kind"]) if "kind" in tree else Mark(*mark)
     if lacking := missing_for(group, kind):
         form = kind if kind in given_forms(group, tree) else "kind"
-        problems.append(Problem(*kind_mark, join([*path, form]), lacking))
-        return None
+        raise ConfigError([Problem(*kind_mark, join([*path, form]), lacking)])
     try:
         code = access.reference(kind, kind_mark.file) if is_reference(kind) else None
         design = registered_design(group, kind) if code is None else access.load(code, group)
@@ -310,8 +297,8 @@ def _design(
                 keys_of(group, kind if code is None else code.text, design)
         return code, design
     except CodeError as error:
-        problems.append(problem_of(error, kind_mark, join([*path, FILE if is_reference(kind) else "kind"])))
-        return None
+        step = FILE if is_reference(kind) else "kind"
+        raise ConfigError([problem_of(error, kind_mark, join([*path, step]))]) from None
 
 
 def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:
@@ -322,11 +309,13 @@ def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any)
     if data is None:
         return None
     mark = Mark("", 1, 1)
-    component = read_component(group, Map(data, mark=mark), [], [], mark=mark)
-    made = None if component is None else component.build([], **provided)
-    if component is None or not component.shared:
-        return made
-    return component.extended(made, [], n_steps=provided["n_steps"], x_hat=provided.get("x_hat", 0.0))
+    try:
+        component = read_component(group, Map(data, mark=mark), [], mark=mark)
+        made = component.build(**provided)
+        x_hat = provided.get("x_hat", 0.0)
+        return component.extended(made, n_steps=provided["n_steps"], x_hat=x_hat) if component.shared else made
+    except ConfigError:
+        return None
 
 
 def problem_of(error: CodeError, mark: Mark, path: str) -> Problem:
@@ -334,7 +323,7 @@ def problem_of(error: CodeError, mark: Mark, path: str) -> Problem:
     return Problem(*mark, path, str(error)) if error.place is None else Problem(*error.place, "", str(error))
 
 
-def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Problem]) -> str | None:
+def _kind(group: str, tree: Map, path: Sequence[str | int]) -> str:
     noun = registry.singular(group)
     if "kind" not in tree:
         forms = given_forms(group, tree)
@@ -342,8 +331,7 @@ def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Probl
         message = f"'kind' is missing; known kinds of {noun}: {known}; or file: PATH.py:NAME"
         if forms:
             message = f"{' and '.join(forms)} each give the kind of {noun}; give one of them"
-        problems.append(Problem(*tree.mark, join(path), message))
-        return None
+        raise ConfigError([Problem(*tree.mark, join(path), message)])
     kind = tree["kind"]
     if isinstance(kind, str) and (is_reference(kind) or registry.is_known(group, kind)):
         return kind
@@ -351,5 +339,4 @@ def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Probl
     message = registry.unknown_kind(str(kind), group)
     if written == FILE:
         message = f"must name something in a Python file, PATH.py:NAME (got {kind!r})"
-    problems.append(Problem(*locate(tree, ["kind"]), join([*path, written]), message))
-    return None
+    raise ConfigError([Problem(*locate(tree, ["kind"]), join([*path, written]), message)])

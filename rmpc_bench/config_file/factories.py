@@ -22,9 +22,9 @@ from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.components.user_class import MEANINGS
 from rmpc_bench.config_file.component import plain_data, read_component
 from rmpc_bench.config_file.keys import PROVIDED, PROVIDED_TO_OWN, keys_of, validate
-from rmpc_bench.config_file.tree import Map, Mark
+from rmpc_bench.config_file.tree import Map, Mark, Problems
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
-from rmpc_bench.types import Controller, DesignError, Estimator, Matrix, Model, Plant, PlantInfo, Positive
+from rmpc_bench.types import ConfigError, Controller, DesignError, Estimator, Matrix, Model, Plant, PlantInfo, Positive
 from rmpc_bench.types.basics import Steps
 from rmpc_bench.types.errors import Problem, unknown
 
@@ -119,19 +119,19 @@ def _made(group: str, kind: str, args: tuple[Any, ...], given: dict[str, Any]) -
     """Return the checked design; a DesignError with all problems."""
     if not isinstance(kind, str) or not registry.is_known(group, kind):
         raise DesignError(f"kind: {registry.unknown_kind(str(kind), group)}", "kind")
-    problems: list[Problem] = []
-    design = registered_design(group, kind)
+    problems, design = Problems(), registered_design(group, kind)
     named = _by_name(inspect.signature(design), args, given, problems)
     own = frozenset() if is_built_in(group, kind) else PROVIDED_TO_OWN.get(group, frozenset())
     names = PROVIDED[group] | own
     provided = _provided(group, {name: value for name, value in named.items() if name in names}, design, problems)
     keys = _as_written(keys_of(group, kind, design), {n: value for n, value in named.items() if n not in names})
     tree = Map({"kind": kind, **keys}, mark=_HERE)
-    component = read_component(group, tree, [], problems, mark=_HERE, access=CodeAccess(Path.cwd()))
+    component = problems.tried(read_component, group, tree, [], mark=_HERE, access=CodeAccess(Path.cwd()))
     made = None
     if component is not None and not problems:
         # Exceptions of a component of the user stay what they are.
-        made = component.build(problems, **provided) if component.is_built_in else component.made(provided)
+        is_own = not component.is_built_in
+        made = component.made(provided) if is_own else problems.tried(component.build, **provided)
     if problems:
         lines = [each.message if each.file or each.path in ("", "kind") else str(each) for each in problems]
         text = "; ".join(dict.fromkeys(lines))
@@ -140,7 +140,7 @@ def _made(group: str, kind: str, args: tuple[Any, ...], given: dict[str, Any]) -
 
 
 def _by_name(
-    signature: inspect.Signature, args: tuple[Any, ...], given: Mapping[str, Any], problems: list[Problem]
+    signature: inspect.Signature, args: tuple[Any, ...], given: Mapping[str, Any], problems: Problems
 ) -> dict[str, Any]:
     """Return all arguments by their names; those that are unknown, given twice or missing are problems."""
     every = signature.parameters.items()
@@ -179,25 +179,30 @@ def _as_written(keys: type[BaseModel], given: Mapping[str, Any]) -> dict[str, An
     return found
 
 
-def _provided(group: str, given: dict[str, Any], design: Callable[..., Any], problems: list[Problem]) -> dict[str, Any]:
+def _provided(group: str, given: dict[str, Any], design: Callable[..., Any], problems: Problems) -> dict[str, Any]:
     """Check what the bench provides to a configuration; None that is the default stays."""
     parameters = inspect.signature(design).parameters
     left = {name: value for name, value in given.items() if value is not None or parameters[name].default is not None}
     for name, annotation in (("n_steps", Steps), ("Ts", Positive)):
         if name in left:
-            left[name] = validate(annotation, plain_data(left[name]), [name], problems, mark=_HERE)
+            left[name] = problems.tried(validate, annotation, plain_data(left[name]), [name], mark=_HERE)
     if isinstance(left.get("plant_info"), Plant):
         left["plant_info"] = PlantInfo.of(left["plant_info"])
     for name, (kind, valid) in _CLASSES.items():
         if name in left and not isinstance(left[name], kind):
-            try:
-                left[name] = _converted(group, left[name], valid)
-            except DesignError as error:
-                problems.append(Problem(*_HERE, name, str(error)))
+            left[name] = problems.tried(_at, name, _converted, group, left[name], valid)
     for name in _NUMBERS if isinstance(left.get("model"), Model) else ():
         if name in left:
-            left[name] = _sized(name, left[name], left["model"].nx, problems)
+            left[name] = problems.tried(_at, name, _sized, name, left[name], left["model"].nx)
     return {**given, **left}
+
+
+def _at(name: str, convert: Callable[..., Any], *given: Any) -> Any:
+    """Convert an argument; a DesignError becomes an error at its name."""
+    try:
+        return convert(*given)
+    except DesignError as error:
+        raise ConfigError([Problem(*_HERE, name, str(error))]) from None
 
 
 def _converted(group: str, value: Any, valid: str) -> Any:
@@ -212,14 +217,10 @@ def _converted(group: str, value: Any, valid: str) -> Any:
     return model("control", Ts=value.dt, control=value, noise={"process": 0.0, "measurement": 0.0})
 
 
-def _sized(name: str, value: Any, n: int, problems: list[Problem]) -> Any:
+def _sized(name: str, value: Any, n: int) -> Any:
     """Expand a start of the estimator to the size of the model."""
     annotation, expand = _NUMBERS[name]
     # The numbers of an array are checked with its shape, which takes less time than one after the other.
     if not (isinstance(value, np.ndarray) and value.dtype.kind in "fiu"):
-        value = validate(annotation, plain_data(value), [name], problems, mark=_HERE)
-    try:
-        return None if value is None else expand(value, n)
-    except DesignError as error:
-        problems.append(Problem(*_HERE, name, str(error)))
-        return None
+        value = validate(annotation, plain_data(value), [name], mark=_HERE)
+    return expand(value, n)

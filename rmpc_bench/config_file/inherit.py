@@ -19,7 +19,7 @@ from rmpc_bench.config_file.component import read_component
 from rmpc_bench.config_file.keys import model_of, shown
 from rmpc_bench.config_file.method_grid import with_grid
 from rmpc_bench.config_file.source import GivenConfig, read_named, with_methods
-from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, merge, split, with_kind
+from rmpc_bench.config_file.tree import Items, Map, Mark, Problems, assign, locate, merge, split, with_kind
 from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.types import ConfigError, Problem
 
@@ -38,16 +38,16 @@ def inherit(source: GivenConfig) -> Map:
     values of these files.  Raises a ConfigError if an override does not fit the tree, or a file cannot be read, has no
     plant, or includes itself.
     """
-    problems = list(source.problems)
+    problems = Problems(source.problems)
     naming = [override for override in source.overrides if _names_a_file(override)]
     others = [override for override in source.overrides if override not in naming]
     tree = _override(source.tree, naming, problems)
     if not problems:
         tree = _FileReader(source.path, (), problems).read_all(tree)
     tree = _override(tree, others, problems)
-    tree = with_methods(with_grid(tree, problems), source.added, problems)
-    if problems:
-        raise ConfigError(problems)
+    tree = problems.tried(with_grid, tree) or tree
+    tree = problems.tried(with_methods, tree, source.added) or tree
+    problems.stop()
     return tree
 
 
@@ -56,20 +56,17 @@ def _names_a_file(override: Override) -> bool:
     return steps[0] == "sweep" or steps in (["plant"], ["plant", "from"])
 
 
-def _override(tree: Map, overrides: Sequence[Override], problems: list[Problem]) -> Map:
+def _override(tree: Map, overrides: Sequence[Override], problems: Problems) -> Map:
     """Replace values; an override that does not fit the tree adds to the problems."""
     for path, value, mark in overrides:
-        try:
-            tree = assign(open_section(tree, path), path, value, mark)
-        except ConfigError as error:
-            problems += error.problems
+        tree = problems.tried(assign, open_section(tree, path), path, value, mark) or tree
     return tree
 
 
 class _FileReader:
     """Replaces the files that a configuration names by their sections; one that cannot be used adds to the problems."""
 
-    def __init__(self, path: Path, including: tuple[Path, ...], problems: list[Problem]) -> None:
+    def __init__(self, path: Path, including: tuple[Path, ...], problems: Problems) -> None:
         self.path, self.problems = path, problems
         self.including = (*including, path.resolve())  # this file and those that led to it
 
@@ -106,21 +103,17 @@ class _FileReader:
 
     def _sections(self, text: Any, mark: Mark) -> Any:
         """Return the sections that a plant brings along; what is no name of a file that can be used as it is."""
-        if not isinstance(text, str):
-            return text
-        try:
-            file, tree = read_named(PATH, text, mark, mark.directory(self.path), self.including)
-            if not isinstance(tree, Map) or not isinstance(tree.get("plant"), Map):
-                raise ConfigError([Problem(*mark, PATH, f"{text}: has no plant")])
-            before = len(self.problems)
-            without_sweep = tree.like({key: tree[key] for key in tree if key != "sweep"})
-            tree = _FileReader(file, self.including, self.problems).read_all(without_sweep)
-            if len(self.problems) > before:
-                return text
-            tree = lay_over_source(tree)
-        except ConfigError as error:
-            self.problems += error.problems
-            return text
+        return text if not isinstance(text, str) else self.problems.tried(self._read, text, mark) or text
+
+    def _read(self, text: str, mark: Mark) -> Map:
+        """Return the sections of a file; a ConfigError where it cannot be used."""
+        file, tree = read_named(PATH, text, mark, mark.directory(self.path), self.including)
+        if not isinstance(tree, Map) or not isinstance(tree.get("plant"), Map):
+            raise ConfigError([Problem(*mark, PATH, f"{text}: has no plant")])
+        problems, without_sweep = Problems(), tree.like({key: tree[key] for key in tree if key != "sweep"})
+        tree = _FileReader(file, self.including, problems).read_all(without_sweep)
+        problems.stop()
+        tree = lay_over_source(tree)
         sections = Map({FILE: text}, mark=mark)
         for key in ("plant", *SECTIONS_OF_A_PLANT):
             if key in tree:
@@ -134,26 +127,21 @@ def compose(tree: Map, access: CodeAccess = NO_ACCESS) -> Map:
     The tree has its files read, and no sweep.  Raises a ConfigError if ``from`` is not a file, or models come from
     anything but a plant with a design model.
     """
-    laid = lay_over_source(tree)
-    problems: list[Problem] = []
+    laid, problems = lay_over_source(tree), Problems()
 
     def with_model(part: Any) -> Any:
         model = part.get("model") if isinstance(part, Map) else None
         if not isinstance(model, Map) or "from" not in model:
             return part
         result = part.copy()
-        try:
-            result["model"] = _model_of_plant(laid, model, access)
-        except ConfigError as error:
-            problems.extend(error.problems)
+        result["model"] = problems.tried(_model_of_plant, laid, model, access)
         return result
 
     result: Map = with_model(laid).copy()
     methods = result.get("methods")
     if isinstance(methods, Map):
         result["methods"] = methods.like({name: with_model(own) for name, own in methods.items()})
-    if problems:
-        raise ConfigError(problems)
+    problems.stop()
     return result
 
 
@@ -212,11 +200,8 @@ def _model_of_plant(tree: Map, model: Map, access: CodeAccess) -> Map:
         raise ConfigError([Problem(*locate(model, ["from"]), "model.from", message)])
     kind = own.get("kind", plant.get("kind") if isinstance(plant, Map) else None)
     if isinstance(plant, Map) and plant.get("kind") not in registry.names("plants"):
-        problems: list[Problem] = []
         # The error is in the plant, not in the model.
-        read_component("plants", plant, ["plant"], problems, mark=plant.mark, access=access)
-        if problems:
-            raise ConfigError(problems)
+        read_component("plants", plant, ["plant"], mark=plant.mark, access=access)
     if not isinstance(plant, Map) or not isinstance(kind, str) or kind not in registry.names("models"):
         message = f"there is no model of kind {kind!r}; give one of {', '.join(registry.names('models'))}"
         raise ConfigError([Problem(*locate(model, ["from"]), "model.from", message)])

@@ -38,7 +38,7 @@ from rmpc_bench.components.user_class import MEANINGS
 from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.config_file.user_files import names_files, read_data, read_function, read_function_or_text
 from rmpc_bench.expressions import quantity
-from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime, Problem, row_by_row
+from rmpc_bench.types import ConfigError, FromCode, FromCodeOrText, FromData, OverTime, Problem, row_by_row
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
 _NO_KEYS = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
@@ -283,12 +283,11 @@ def validate(
     kind: Any,
     tree: Any,
     path: Sequence[str | int],
-    problems: list[Problem],
     *,
     mark: Mark | None = None,
     further: Sequence[str] = (),
 ) -> Any:
-    """Validate a tree against a pydantic model or any annotation; None where there is an error.
+    """Validate a tree against a pydantic model or any annotation; a ConfigError has all that is wrong.
 
     Inside an annotation numbers may be written as quantities.  A scalar has no place of its own and takes `mark`.
     Further keys, validated elsewhere, and the path are for the messages.
@@ -297,8 +296,7 @@ def validate(
     try:
         return adapter.validate_python(tree)
     except ValidationError as error:
-        problems += [key_problem(entry, tree, path, kind, mark, further) for entry in error.errors()]
-        return None
+        raise ConfigError([_key_problem(entry, tree, path, kind, mark, further) for entry in error.errors()]) from None
 
 
 _ADAPTERS: dict[int, tuple[Any, Any, TypeAdapter[Any]]] = {}
@@ -318,14 +316,10 @@ BUILT_IN_KEYS = "rmpc_bench.built_in_keys"
 """Module that the keys of a built-in component say they come from; a user cannot change their names."""
 
 
-def key_problem(
-    entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None, further: Sequence[str] = ()
+def _key_problem(
+    entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None, further: Sequence[str]
 ) -> Problem:
-    """Return an entry of `ValidationError.errors` as a problem at the value or key to blame.
-
-    `kind` is a pydantic model or an annotation.  A scalar has no place of its own and takes `mark`.  Further keys are
-    validated elsewhere.
-    """
+    """Return an entry of `ValidationError.errors` as a problem at the value or key to blame."""
     steps, node = [], tree
     error = entry.get("ctx", {}).get("error")
     if isinstance(error, CodeError) and error.place is not None:

@@ -17,9 +17,9 @@ import numpy as np
 
 from rmpc_bench.components.designs import register
 from rmpc_bench.config_file.source import COMPONENTS
-from rmpc_bench.config_file.tree import MAX_DEPTH, join
+from rmpc_bench.config_file.tree import MAX_DEPTH, Problems, join
 from rmpc_bench.config_file.yaml import dump
-from rmpc_bench.types import ConfigError, Problem
+from rmpc_bench.types import Problem
 
 _GROUPS = {**COMPONENTS, "metrics": "metrics", "figures": "figures", "noise": "noises"}
 
@@ -37,8 +37,7 @@ def plain_mapping(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return a mapping as YAML has it; a ConfigError names the keys whose values have no form."""
     reader = _Reader()
     data: dict[str, Any] = reader.plain(given, ())
-    if reader.problems:
-        raise ConfigError(reader.problems)
+    reader.problems.stop()
     return data
 
 
@@ -46,7 +45,7 @@ class _Reader:
     """Reads a mapping once; `problems` has what is wrong in it."""
 
     def __init__(self) -> None:
-        self.problems: list[Problem] = []
+        self.problems = Problems()
         self._named: dict[tuple[str, str], Any] = {}  # the classes of the mapping, by group and name
         self._open: set[int] = set()
         """Lists and mappings around the value that is read: one that contains itself has no end."""

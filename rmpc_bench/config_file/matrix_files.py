@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.config_file.known_files import MAX_NAME, is_file_name
-from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key
+from rmpc_bench.config_file.tree import Items, Map, Mark, Problems, join, locate, locate_key
 from rmpc_bench.expressions import quantity
 from rmpc_bench.received.arrays import MAX_ENTRIES, ArrayFileError, matrices
 from rmpc_bench.received.plain_files import content_of
-from rmpc_bench.types import Array, ConfigError, Problem
+from rmpc_bench.types import Array, Problem
 from rmpc_bench.types.errors import unknown
 
 SUFFIXES = (".mat", ".npz", ".csv")
@@ -49,8 +49,7 @@ def with_matrices(tree: Map, path: Path) -> Map:
     for key, value in tree.items():
         if key not in SECTIONS_WITHOUT_MATRICES:
             result[key] = reader.replaced(value, [key])
-    if reader.problems:
-        raise ConfigError(reader.problems)
+    reader.problems.stop()
     return result
 
 
@@ -58,7 +57,7 @@ class _Reader:
     """Replaces file names in a tree and collects problems."""
 
     def __init__(self, tree: Map, path: Path) -> None:
-        self.tree, self.path, self.problems = tree, path, list[Problem]()
+        self.tree, self.path, self.problems = tree, path, Problems()
         self._read: dict[Path, Mapping[str, Array]] = {}
 
     def replaced(self, node: Any, path: list[str | int]) -> Any:

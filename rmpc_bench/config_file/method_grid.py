@@ -20,9 +20,18 @@ from typing import Annotated, Any
 from annotated_types import Len
 
 from rmpc_bench.config_file.keys import shown, validate
-from rmpc_bench.config_file.tree import Items, Map, assign, given_forms, locate_key, merge, problem_at, with_kind
+from rmpc_bench.config_file.tree import (
+    Items,
+    Map,
+    Problems,
+    assign,
+    given_forms,
+    locate_key,
+    merge,
+    problem_at,
+    with_kind,
+)
 from rmpc_bench.registry import unknown
-from rmpc_bench.types import Problem
 
 GRID, EXCLUDE = "grid", "exclude"
 AXES = ("model", "estimator", "controller")
@@ -35,18 +44,15 @@ _TYPES: dict[str, Any] = {
 _NO_METHOD = "`grid` and `exclude` are no names of methods"
 
 
-def with_grid(tree: Map, problems: list[Problem]) -> Map:
-    """Return a configuration with the methods of its grid in place of it; what is wrong adds to the problems."""
-    methods, wrong = tree.get("methods"), list[Problem]()
+def with_grid(tree: Map) -> Map:
+    """Return a configuration with the methods of its grid in place of it; a ConfigError has all that is wrong there."""
+    methods, wrong = tree.get("methods"), Problems()
     if not isinstance(methods, Map) or not {*_TYPES} & {*methods}:
         return tree
     for key, kind in _TYPES.items():
-        validate(kind, methods.get(key), ["methods", key], wrong, mark=locate_key(methods, [key]))
-    wrong = [replace(each, message=f"{each.message}; {_NO_METHOD}") for each in wrong]
-    wrong = wrong or [problem_at(tree, ["methods", *path], text, key=True) for path, text in _wrong(methods, tree)]
-    problems += wrong
-    if wrong:
-        return tree
+        wrong.tried(validate, kind, methods.get(key), ["methods", key], mark=locate_key(methods, [key]))
+    Problems(replace(each, message=f"{each.message}; {_NO_METHOD}") for each in wrong).stop()
+    Problems(problem_at(tree, ["methods", *path], text, key=True) for path, text in _wrong(methods, tree)).stop()
     grid, mark, found = methods[GRID], locate_key(methods, [GRID]), Map(mark=methods.mark)
     cells, first = [each for each in product(*grid.values()) if not _is_excluded(methods, each)], grid[next(iter(grid))]
     for names in cells:

@@ -19,7 +19,19 @@ from typing import Any, NamedTuple
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.known_files import file_beside, is_file_name
 from rmpc_bench.config_file.method_grid import EXCLUDE, GRID
-from rmpc_bench.config_file.tree import DELETE, Items, Map, Mark, join, locate, plain, same_kind, split, with_kind
+from rmpc_bench.config_file.tree import (
+    DELETE,
+    Items,
+    Map,
+    Mark,
+    Problems,
+    join,
+    locate,
+    plain,
+    same_kind,
+    split,
+    with_kind,
+)
 from rmpc_bench.config_file.yaml import EXTENDS, Override, load, one_line, parse, parse_override
 from rmpc_bench.expressions.quantity import written_file
 from rmpc_bench.registry import unknown
@@ -32,7 +44,7 @@ class GivenConfig(NamedTuple):
     path: Path  # file of the configuration; file names inside it are relative to its directory
     tree: Map
     overrides: tuple[Override, ...]
-    problems: tuple[Problem, ...]  # errors in the text of overrides
+    problems: tuple[Problem, ...]  # errors in the texts of overrides and of added methods
     texts: tuple[str, ...] = ()  # the overrides as given
     added: Map = Map(mark=Mark("", 1, 1))  # methods that are added to those of the file
     content: str | None = None  # text of a configuration that stands in no file
@@ -54,18 +66,19 @@ def read(
     tree = read_extended(path, content=content)
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])
-    parsed: list[Override] = []
-    problems: list[Problem] = []
-    for text in overrides:
-        try:
-            parsed.append(parse_override(text))
-            if split(parsed[-1].path, parsed[-1].mark)[0] == EXTENDS:
-                message = "cannot be set here: a file extends another before it is overridden"
-                problems.append(Problem(*parsed[-1].mark, EXTENDS, message))
-        except ConfigError as error:
-            problems += error.problems
+    problems = Problems()
+    given = [problems.tried(_override, text) for text in overrides]
+    parsed = tuple(each for each in given if each is not None)
     added = read_methods(add_methods, problems)
-    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides), added, content)
+    return GivenConfig(Path(path), tree, parsed, tuple(problems), tuple(overrides), added, content)
+
+
+def _override(text: str) -> Override:
+    override = parse_override(text)
+    if split(override.path, override.mark)[0] == EXTENDS:
+        message = "cannot be set here: a file extends another before it is overridden"
+        raise ConfigError([Problem(*override.mark, EXTENDS, message)])
+    return override
 
 
 NOT_INHERITED = ("name", "claims")  # top-level keys that every configuration has of its own
@@ -95,8 +108,7 @@ def read_extended(path: str | Path, extended: tuple[Path, ...] = (), content: st
         base.pop(key, None)
     merger = _Merger()
     merged = merger.merged(base, own, [])
-    if merger.problems:
-        raise ConfigError(merger.problems)
+    merger.problems.stop()
     return merged
 
 
@@ -130,7 +142,7 @@ class _Merger:
     """Lays one configuration over another and collects problems."""
 
     def __init__(self) -> None:
-        self.problems: list[Problem] = []
+        self.problems = Problems()
 
     def merged(self, base: Map, own: Map, path: list[str | int]) -> Map:
         """Lay a mapping over an inherited one at a path; neither is changed."""
@@ -216,21 +228,12 @@ def _replaces(base: Map, own: Map, path: list[str | int]) -> bool:
 OPTION = "--add-method"
 
 
-def read_methods(texts: Sequence[str], problems: list[Problem]) -> Map:
+def read_methods(texts: Sequence[str], problems: Problems) -> Map:
     """Read methods from texts such as ``NAME: {estimator: {kind: kalman}}``, in which the values keep their places."""
     found = Map(mark=Mark(OPTION, 1, 1))
     for text in texts:
-        file = f"{OPTION} {text}"
-        try:
-            tree = parse(text, file)
-        except ConfigError as error:
-            problems += error.problems
-            continue
-        if not isinstance(tree, Map) or not tree:
-            message = f"must be a mapping such as 'NAME: {{estimator: {{kind: kalman}}}}' (got {shown(tree)})"
-            problems.append(Problem(file, 1, 1, "", message))
-            continue
-        for name, method in tree.items():
+        tree = problems.tried(_methods, text)
+        for name, method in ({} if tree is None else tree).items():
             key_mark, mark = tree.places(name)
             if name in found:
                 problems.append(Problem(*key_mark, name, "is added twice"))
@@ -242,12 +245,21 @@ def read_methods(texts: Sequence[str], problems: list[Problem]) -> Map:
     return found
 
 
-def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
-    """Add methods from `read_methods` to a tree with overrides and files in place; a taken name is a problem."""
+def _methods(text: str) -> Map:
+    file = f"{OPTION} {text}"
+    tree = parse(text, file)
+    if not isinstance(tree, Map) or not tree:
+        message = f"must be a mapping such as 'NAME: {{estimator: {{kind: kalman}}}}' (got {shown(tree)})"
+        raise ConfigError([Problem(file, 1, 1, "", message)])
+    return tree
+
+
+def with_methods(tree: Map, added: Map) -> Map:
+    """Add methods from `read_methods` to a tree with overrides and files in place; a ConfigError names taken names."""
     methods = tree.get("methods")
     if not added or not isinstance(methods, Map):
         return tree
-    result, merged = tree.copy(), methods.copy()
+    result, merged, problems = tree.copy(), methods.copy(), Problems()
     for name in added:
         if name in methods or name in (GRID, EXCLUDE):
             which = "method" if name in methods else "key"
@@ -255,6 +267,7 @@ def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
             problems.append(Problem(*added.places(name)[0], join(["methods", name]), message))
         else:
             merged.take(added, name)
+    problems.stop()
     result["methods"] = merged
     return result
 
@@ -262,7 +275,7 @@ def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
 def texts_of(added: Map) -> Mapping[str, str]:
     """Return name -> the method as the command line takes it, on one line.
 
-    >>> dict(texts_of(read_methods(["A: {estimator: {kind: kalman}}"], [])))
+    >>> dict(texts_of(read_methods(["A: {estimator: {kind: kalman}}"], Problems())))
     {'A': 'A: {estimator: {kind: kalman}}'}
     """
     return {name: one_line({name: plain(method)})[1:-1] for name, method in added.items()}

@@ -7,9 +7,9 @@ gets the key `kind` before it is merged with a default, so that another form rep
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from rmpc_bench.types import ConfigError, Problem
 
@@ -22,6 +22,27 @@ _INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _SPECIAL = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _STEP = re.compile(r'(?:"([^"]*)"|([^."][^.]*))(?:\.(?!$)|$)')
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Problems(list[Problem]):
+    """The errors found so far, where those of several values are to be shown at once."""
+
+    def tried(self, call: Callable[P, T], *given: P.args, **named: P.kwargs) -> T | None:
+        """Call a function; None where it raises a ConfigError, whose problems are added to these."""
+        try:
+            return call(*given, **named)
+        except ConfigError as error:
+            self.extend(error.found)
+            return None
+
+    def stop(self) -> None:
+        """Raise all of them, if there are any."""
+        if self:
+            raise ConfigError(self)
 
 
 class Deletion:
@@ -204,6 +225,11 @@ def locate_key(tree: Map | Items, path: Sequence[str | int]) -> Mark:
 def problem_at(tree: Map | Items, path: Sequence[str | int], message: str, *, key: bool = False) -> Problem:
     """Return a problem at the value (or the key) of a path."""
     return Problem(*(locate_key if key else locate)(tree, path), join(path), message)
+
+
+def error_at(tree: Map | Items, path: Sequence[str | int], message: str, *, key: bool = False) -> ConfigError:
+    """Return an error at the value (or the key) of a path."""
+    return ConfigError([problem_at(tree, path, message, key=key)])
 
 
 def assign(tree: Map, path: str, value: Any, mark: Mark, key_mark: Mark | None = None) -> Map:

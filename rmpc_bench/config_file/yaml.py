@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import yaml  # type: ignore[import-untyped]
 
-from rmpc_bench.config_file.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
+from rmpc_bench.config_file.tree import DELETE, MAX_DEPTH, Items, Map, Mark, Problems, join, scalar, split
 from rmpc_bench.received.names import wrong_formula
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import ConfigError, Problem
@@ -120,7 +120,7 @@ class _TreeBuilder:
         self.file, self.column, self.may_extend = file, column, may_extend
         self.starts = [0, *(end.end() for end in re.finditer(r"\r\n|\r|\n", text))]
         self.events = self._events(text)
-        self.problems: list[Problem] = []
+        self.problems = Problems()
         self.deletions: list[Problem] = []  # errors for every `!delete`, in a file that extends no other
         self.anchors: dict[str, _Node] = {}
         self.steps: list[str | None] = []
@@ -144,8 +144,7 @@ class _TreeBuilder:
         value = None if root is None else root.value
         if not (self.may_extend and isinstance(value, Map) and EXTENDS in value):
             self.problems += self.deletions
-        if self.problems:
-            raise ConfigError(self.problems)
+        self.problems.stop()
         return value
 
     def _events(self, text: str) -> Iterator[Any]:

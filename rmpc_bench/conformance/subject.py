@@ -16,7 +16,7 @@ from rmpc_bench.components.loading import load
 from rmpc_bench.components.reference import CodeReference, split_reference
 from rmpc_bench.components.single_run import design_function
 from rmpc_bench.components.transport import dumps, loaded, loads
-from rmpc_bench.types import DesignError, Problem, contract
+from rmpc_bench.types import ConfigError, DesignError, contract
 from rmpc_bench.types.contract import BASES
 from rmpc_bench.types.errors import unknown
 
@@ -73,10 +73,10 @@ class Subject:
         # Validation needs pydantic, which a component without keys need not wait for.
         from rmpc_bench.config_file.keys import keys_of, validate
 
-        problems: list[Problem] = []
-        checked = validate(keys_of(group, self.text, design), self.keys, [], problems)
-        if problems:
-            raise DesignError("; ".join(f"{each.path}: {each.message}" for each in problems))
+        try:
+            checked = validate(keys_of(group, self.text, design), self.keys, [])
+        except ConfigError as error:
+            raise DesignError("; ".join(f"{each.path}: {each.message}" for each in error.found)) from None
         return {name: loaded(getattr(checked, name)) for name in type(checked).model_fields}
 
 

@@ -23,12 +23,11 @@ from rmpc_bench.child_process import end_with, signal_name, start
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.components.transport import dumps, loads
 from rmpc_bench.config.build import build
-from rmpc_bench.config.check import FirstCalls
 from rmpc_bench.config.draft import Inherited
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import SweepPoint
 from rmpc_bench.config.left_out import fitting_metrics
-from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.own_code import FirstCalls, OwnCode
 from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tune import Chosen
@@ -71,13 +70,13 @@ class _Reduced(NamedTuple):
             load_plugins(self.points[0].tree, self.access)
         drafts = validate_sections(self.points, runs=None, smoke=False, access=self.access, chosen=self.chosen)
         calls = FirstCalls(left_out=True)
-        found = build(drafts, OwnCode(self.access), smoke=self.smoke, calls=calls)
+        found = [each.point for each in build(drafts, OwnCode(self.access), smoke=self.smoke, calls=calls)]
         if None in found:
             every = Inherited(Path(), is_changed=True)
             trees = [fitting_metrics(draft.tree, draft.problems, every)[0] for draft in drafts]
             points = [point._replace(tree=tree) for point, tree in zip(self.points, trees, strict=True)]
             drafts = validate_sections(points, runs=None, smoke=False, access=self.access, chosen=self.chosen)
-            found = build(drafts, OwnCode(self.access), smoke=self.smoke, calls=calls)
+            found = [each.point for each in build(drafts, OwnCode(self.access), smoke=self.smoke, calls=calls)]
         problems = [str(problem) for draft in drafts for problem in draft.problems]
         if None in found:
             raise WorkerError("; ".join(problems))
@@ -122,7 +121,7 @@ def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[s
     numbers = _numbers(pairs)
     drafts = [draft for number in numbers if (draft := points[number].draft) is not None]
     trees = [_tree(points[number], {name for at, name in pairs if at == number}) for number in numbers]
-    chosen = {(draft.title, name): values for draft in drafts for name, values in draft.tuning.chosen.items()}
+    chosen = {(draft.title, name): values for draft in drafts for name, values in draft.chosen.items()}
     access = replace(drafts[0].access, _loaded={})
     is_shared = bool(shared_of(points))
     reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, is_shared)
@@ -181,14 +180,14 @@ def main(parent: int) -> None:
 def _tree(point: SweepPoint, names: set[str]) -> SweptTree:
     """Return what a point was made from, with some of its methods and the size that it has now."""
     assert point.draft is not None
-    tree, values, mark = point.draft.tree.copy(), point.draft.values, point.draft.tree.mark
+    tree, mark = point.draft.tree.copy(), point.draft.tree.mark
     for key in _WITHOUT:
         tree.pop(key, None)
-    time, opponent = values["time"], point.experiment.plant.opponent
+    time, opponent = point.draft.time, point.experiment.plant.opponent
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
     wanted = names | (set() if opponent is None else {opponent[0]})
     methods = Map({name: own for name, own in tree["methods"].items() if name in wanted}, mark=mark)
-    changed = {"methods": methods, "figures": Items(mark=mark), "runs": values["runs"]}
+    changed = {"methods": methods, "figures": Items(mark=mark), "runs": point.draft.keys.runs}
     for key, value in {**changed, "time": Map({"step": time.step, **length}, mark=mark)}.items():
         tree.put(key, value, mark, mark)
     return SweptTree(dict(point.coordinates), tree, point.title)
@@ -221,8 +220,7 @@ def shared_of(points: Sequence[SweepPoint]) -> list[str]:
     """Name what all methods share and what does not come from the bench, such as ``plant tanks.py:rhs``."""
     found: dict[str, None] = {}
     for draft in (point.draft for point in points if point.draft is not None):
-        laws = (term.law for terms in (*draft.noise.values(), draft.initial["laws"]) for term in terms)
-        for each in (draft.plant, draft.reference, draft.input, *laws, *draft.metrics):
+        for each in (draft.plant, draft.reference, draft.input, *draft.laws, *draft.metrics):
             if each is not None and not each.is_built_in:
                 named = ", ".join(reference.text for reference in each.references())
                 found[f"{each.group.removesuffix('s')} {named or each.kind}"] = None

@@ -9,7 +9,10 @@ import math
 import operator
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
@@ -49,6 +52,19 @@ _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
 _UNIT = re.compile(r"[^\W\d_][\w/^*.· -]*")
 _FILE = re.compile(r"[^*()]+\.(mat|npz|csv|npy|txt)", re.IGNORECASE)
 _SPREAD = re.compile(r"\s*(?:\+\s*-|±)")
+
+
+_REFUSED: ContextVar[Mapping[str, str]] = ContextVar("_REFUSED", default=MappingProxyType({}))
+
+
+@contextmanager
+def refusing(names: Mapping[str, str]) -> Iterator[None]:
+    """Say of names that stand for no number here why they cannot be used: name -> the words of the error."""
+    token = _REFUSED.set(names)
+    try:
+        yield
+    finally:
+        _REFUSED.reset(token)
 
 
 class QuantityError(ValueError):
@@ -198,6 +214,8 @@ class _QuantityParser(ArithmeticParser):
             return Name(token.text, column=token.column)
         if token.text.lower() in ("nan", "inf", "infinity"):
             raise ExpressionError(token.column, f"{token.text!r} is not a number; numbers here are finite")
+        if refused := _REFUSED.get().get(token.text):
+            raise ExpressionError(token.column, refused)
         raise unknown_name(token, "name", [*_CONSTANTS, *_FUNCTIONS, *sorted(self.free)])
 
     def is_known(self, name: str) -> bool:

@@ -98,7 +98,8 @@ def prepare(
 
 def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> StoredExperiment:
     """Return what reports need of the experiment."""
-    draft, values, statistics = settings.draft, settings.draft.values, settings.draft.values["statistics"]
+    draft, keys, statistics = settings.draft, settings.draft.keys, settings.draft.keys.statistics
+    assert statistics is not None
     names = [each.name for each in runs.infos]
     primary = statistics.primary or names[0]
     rows = [runs.point, runs.method, runs.run, runs.status, *runs.metrics.values(), *runs.parameters.values()]
@@ -107,13 +108,13 @@ def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> S
     points = tuple(_point(settings, runs, number, key) for number in range(len(runs.points)))
     of_plant = not any(path.partition(".")[0] in METHOD_PATHS for path in runs.paths)
     return StoredExperiment(
-        **{each: values[each] for each in ("name", "title", "report")},
+        **{each: getattr(keys, each) for each in ("name", "title", "report")},
         paper=None,
         hash=key,
         n_runs=int(runs.run.max()) + 1,
         has_runs=True,
         axes=tuple((path,) for path in runs.paths),
-        labels=draft.labels,
+        labels=settings.labels,
         primary=primary,
         baseline=statistics.baseline or runs.methods[0],
         confidence=statistics.confidence,
@@ -128,7 +129,7 @@ def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> S
         figures=tuple(plain(set_keys(each)) for each in draft.figures if each is not None),
         claims=settings.claims,
         points=points,
-        parameters=draft.sources,
+        parameters=settings.sources,
         requirements=tuple(read_requirement(text, names) for text in statistics.requirements),
         **statistics.comparison_keys() | ({"adjust": "none"} if options.unpaired else {}),
         imported=Imported(
@@ -142,11 +143,11 @@ def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> S
 def _point(settings: Settings, runs: Runs, number: int, key: str) -> StoredPoint:
     draft, coordinates = settings.draft, runs.points[number]
     present = np.unique(runs.method[runs.point == number]).tolist()
-    besides = draft.values["random_besides"]
+    besides = settings.random_besides
     return StoredPoint(
         coordinates=coordinates,
         title=", ".join(f"{path}={text}" for path, text in coordinates.items()),
-        seed=draft.values["seed"],
+        seed=draft.keys.seed,
         Ts=0.0,
         nx=0,
         n_steps=1,
@@ -160,7 +161,7 @@ def _point(settings: Settings, runs: Runs, number: int, key: str) -> StoredPoint
         uncertainty_key=digest([key, number]),
         uncertainty=tuple(runs.parameters),
         random_besides=None if besides is None else tuple(besides),
-        laws={name: law_data(law) for name, law in draft.uncertainty.items() if isinstance(law, Distribution)},
+        laws={name: law_data(law) for name, law in draft.uncertainty.scaled.items() if isinstance(law, Distribution)},
     )
 
 

@@ -39,7 +39,7 @@ def read_runs(source: object, settings: Settings, options: Options) -> tuple[Tab
     settings.finish(runs.methods, runs.infos, runs.points)
     problems = [*reader.problems, *settings.draft.problems]
     if not problems:
-        statistics = settings.draft.values["statistics"]
+        statistics = settings.draft.keys.statistics
         metric, baseline = statistics.primary or runs.infos[0].name, statistics.baseline or runs.methods[0]
         here = np.array(runs.methods, dtype=object)[runs.method], runs.run, runs.metrics[metric]
         first = pd.DataFrame(dict(zip(("method", "run", "value"), here, strict=True)))[runs.point == 0]
@@ -54,7 +54,7 @@ def read_runs(source: object, settings: Settings, options: Options) -> tuple[Tab
 
 def _check_laws(table: Table, found: Runs, settings: Settings) -> None:
     """Refuse values of a parameter that its law cannot have."""
-    for name, law in settings.draft.uncertainty.items():
+    for name, law in settings.draft.uncertainty.scaled.items():
         if name not in found.parameters or not isinstance(law, Distribution):
             continue
         (outside,) = np.nonzero(_is_outside(law, found.parameters[name]))

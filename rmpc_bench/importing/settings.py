@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal, cast
@@ -13,12 +13,11 @@ from annotated_types import Len
 from pydantic import AfterValidator
 
 from rmpc_bench.claims.claim import Claim
+from rmpc_bench.config.check import check_report, check_statistics
 from rmpc_bench.config.claims import ClaimKeys, check_figures, read_claims
-from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.noise import read_uncertainty, uncertain_names
-from rmpc_bench.config.report import check_report
-from rmpc_bench.config.sections import SECTIONS, components_of
-from rmpc_bench.config.statistics import check_statistics
+from rmpc_bench.config.sections import SECTIONS
 from rmpc_bench.config_file.mapping import canonical_text
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, plain
 from rmpc_bench.config_file.yaml import load, parse
@@ -127,23 +126,28 @@ class Settings:
     """The sections, read before the table; what they say of it is checked by `finish`."""
 
     def __init__(self, source: str | Path | Mapping[str, Any] | None, options: Mapping[str, Any]) -> None:
-        self.draft = draft = DraftConfig(_tree(source, options), [])
+        draft = DraftConfig(_tree(source, options))
         for name in draft.tree:
             if name not in (*SHARED, *OWN):
                 draft.note([name], unknown(name, [*SHARED, *OWN], "section of an import"), key=True)
-        known = {name: (SECTIONS[name].annotation, SECTIONS[name].default) for name in SHARED}
-        for name, (annotation, default) in (known | {name: (each, None) for name, each in OWN.items()}).items():
-            draft.values[name] = draft.checked(annotation, [name]) if name in draft.tree else default
-        read_uncertainty(draft)
-        keys = [MetricKeys(each) if isinstance(each, str) else each for each in draft.values["metrics"] or []]
+        annotations = {name: SECTIONS[name].annotation for name in SHARED} | OWN
+        defaults = {name: SECTIONS[name].default for name in SHARED if SECTIONS[name].default is not ...}
+        values = {
+            name: draft.checked(each, [name]) if name in draft.tree else defaults.get(name)
+            for name, each in annotations.items()
+        }
+        draft = draft.with_keys(**{name: values[name] for name in (*SHARED, "methods")}, evaluate=["runs"])
+        self.draft = replace(draft, uncertainty=read_uncertainty(draft))
+        keys = [MetricKeys(each) if isinstance(each, str) else each for each in values["metrics"] or []]
         self.metrics = {each.name: MetricInfo(*vars(each).values()) for each in keys}
         names = [each.name for each in keys]
         for place, name in enumerate(names):
             if name in names[:place]:
                 draft.note(["metrics", place], f"{name!r} is named twice")
-        self.methods: dict[str, MethodKeys | None] = draft.values["methods"] or {}
-        self.quantities = uncertain_names(draft)
-        grid = {} if draft.values["sweep"] is None else draft.values["sweep"].grid
+        self.methods: dict[str, MethodKeys | None] = values["methods"] or {}
+        self.random_besides: list[str] | None = values["random_besides"]
+        self.quantities = uncertain_names(draft.tree)
+        grid = {} if values["sweep"] is None else values["sweep"].grid
         # Swept path -> texts of its values, in their order.
         self.grid = {path: [*map(value_text, map(plain, values))] for path, values in grid.items()}
 
@@ -163,14 +167,12 @@ class Settings:
             if name not in methods:
                 draft.note(["methods", name], unknown(name, methods, "method of the table"), key=True)
         given = {name: self.methods.get(name) or MethodKeys() for name in methods}
-        draft.labels = {name: each.label or name for name, each in given.items()}
-        draft.sources = {name: each.parameters for name, each in given.items() if each.parameters is not None}
-        # Names of methods and metrics are all that the checks of the sections read.
-        draft.methods = dict.fromkeys(methods, MethodComponents(None, None, None, None))
-        draft.metrics = [cast(Any, SimpleNamespace(parameters={"name": name})) for name in metrics]
-        draft.coordinates, draft.values["evaluate"] = points[0], ["runs"]
-        draft.figures = components_of(draft, "figures")
-        draft.claims = [draft.checked(ClaimKeys, ["claims", n]) for n in range(len(draft.values["claims"] or ()))]
+        self.labels = {name: each.label or name for name, each in given.items()}
+        self.sources = {name: each.parameters for name, each in given.items() if each.parameters is not None}
+        draft = replace(draft, coordinates=points[0])
+        figures = draft.components("figures")
+        claims = [draft.checked(ClaimKeys, ["claims", number]) for number, _ in enumerate(draft.keys.claims or ())]
+        self.draft = draft = replace(draft, figures=figures, claims=claims)
         trials = tuple({name: f"{number} {name}" for name in methods} for number, _ in enumerate(points))
         layout = ResultLayout(
             methods=tuple(methods), metrics=metrics, points=tuple(points), trials=trials, has_runs=True,
@@ -178,17 +180,18 @@ class Settings:
         )  # fmt: skip
         self.claims: tuple[Claim, ...] = read_claims(draft, layout)
         check_figures(draft, layout)
-        check_report(draft)
-        scenario = SimpleNamespace(uncertainty=draft.uncertainty, quantities=tuple(self.quantities), burst_names=())
+        check_report(draft, layout)
+        laws, quantities = draft.uncertainty.scaled, tuple(self.quantities)
+        scenario = SimpleNamespace(uncertainty=laws, quantities=quantities, burst_names=())
         experiment = SimpleNamespace(metric_infos=tuple(infos), scenario=scenario, plant=SimpleNamespace(laws=dict))
-        check_statistics(draft, cast(Any, SimpleNamespace(experiment=experiment)))
+        check_statistics(draft, layout, cast(Any, experiment))
 
     def used(self, infos: Sequence[MetricInfo], methods: Sequence[str]) -> dict[str, Any]:
         """Return the settings as they were used, which `import_runs` takes again."""
         found = dict[str, Any](plain(self.draft.tree))
         metrics = [dict(zip((each.name for each in fields(MetricKeys)), info, strict=False)) for info in infos]
         named = {name: (found.get("methods") or {}).get(name) or {} for name in methods}
-        return {"version": 1, "name": self.draft.values["name"]} | found | {"methods": named, "metrics": metrics}
+        return {"version": 1, "name": self.draft.keys.name} | found | {"methods": named, "metrics": metrics}
 
 
 def _tree(source: str | Path | Mapping[str, Any] | None, options: Mapping[str, Any]) -> Map:

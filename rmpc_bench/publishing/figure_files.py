@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from rmpc_bench.figures.svg_text import for_page
 from rmpc_bench.publishing.table_files import write_caption
 from rmpc_bench.report.source import PageFigure
 from rmpc_bench.results.results import Results
-from rmpc_bench.types import DesignError, Figure, Problem
+from rmpc_bench.types import ConfigError, DesignError, Figure
 from rmpc_bench.types.errors import check_arguments
 
 PRINTED = ("pdf", "pgf")  # formats for papers
@@ -159,12 +160,9 @@ def figure(
 
 def figure_component(keys: Mapping[str, Any]) -> Component:
     """Validate the keys of a figure, as in a configuration; a wrong one is a `DesignError`."""
-    problems: list[Problem] = []
     mark = Mark("", 1, 1)
-    component = read_component("figures", Map(keys, mark=mark), [], problems, mark=mark)
-    if component is None:
-        raise _error_of(problems)
-    return component
+    with _as_design_error():
+        return read_component("figures", Map(keys, mark=mark), [], mark=mark)
 
 
 def figure_of(results: Results, component: Component, rendering: Rendering) -> Figure:
@@ -173,10 +171,8 @@ def figure_of(results: Results, component: Component, rendering: Rendering) -> F
     A metric that is not named is the first of the report, else the primary one.  The methods of the report are shown
     in its order, those of them that the figure itself names, or can show.
     """
-    problems: list[Problem] = []
-    made: Figure | None = component.build(problems)
-    if made is None:
-        raise _error_of(problems)
+    with _as_design_error():
+        made: Figure = component.build()
     report = results.experiment.report
     shown = (report.metrics or [results.experiment.primary])[0]
     keys: dict[str, Any] = {key: shown for key in made.metric_keys if getattr(made, key) is None}
@@ -195,5 +191,10 @@ def _order(results: Results, made: Figure, order: Sequence[str]) -> list[str] | 
     return shown or None
 
 
-def _error_of(problems: Sequence[Problem]) -> DesignError:
-    return DesignError("; ".join(f"{problem.path}: {problem.message}" for problem in problems))
+@contextmanager
+def _as_design_error() -> Iterator[None]:
+    """Raise a DesignError for wrong keys of a figure, which stand in no file."""
+    try:
+        yield
+    except ConfigError as error:
+        raise DesignError("; ".join(f"{each.path}: {each.message}" for each in error.found)) from None

@@ -22,20 +22,10 @@ LONGEST = 2.0
 
 
 class Sampling:
-    """Where the samples k = 0, 1, .. of an experiment lie in a recorded file.
+    """Where the samples k = 0, 1, .. of an experiment lie in a recorded file, with the recorded time t [s].
 
-    Parameters
-    ----------
-    t : (rows,) recorded time [s]; None if the rows are Ts apart
-    n_rows : number of rows
-    Ts : sampling time of the experiment [s]
-    resample : how to find values between recorded ones; None refuses them
-    file : for the messages
-
-    Raises
-    ------
-    DesignError
-        If the time does not increase, or its steps are not Ts and there is no `resample`.
+    Without t the rows are Ts apart.  A DesignError says that t does not increase, or that its steps are not Ts and
+    nothing says how to `resample`.
     """
 
     def __init__(

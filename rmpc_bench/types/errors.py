@@ -59,15 +59,7 @@ def does_not_fit(shape: tuple[int, ...], expected: tuple[int, int]) -> str:
 
 
 def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
-    """Say that a name is unknown, and give the nearest known one, or else all known ones.
-
-    Parameters
-    ----------
-    name : the unknown name
-    known : the names there are
-    noun : what they are names of
-    way_out : command that lists them
-    """
+    """Say that a name of a `noun` is unknown, with the nearest known one, or else all; `way_out` is a command."""
     known = list(known)
     near = nearest(name, known)
     hint = f"; did you mean {near!r}?" if near else f"; known: {', '.join(known) or 'none'}"
@@ -93,10 +85,7 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
 def row_by_row(values: Sequence[Any], meaning: Callable[[int, int], str] | None = None) -> str:
     """Say that a matrix is written row by row, with the two matrices that a flat list could mean.
 
-    Parameters
-    ----------
-    values : the list
-    meaning : says what the rows and columns of a shape stand for; only the shape is shown without it
+    `meaning` says what the rows and columns of a shape stand for; only the shape is shown without it.
 
     Examples
     --------
@@ -163,10 +152,10 @@ class Problem:
 
 
 class ConfigError(ValueError):
-    """All problems of a configuration, sorted by their position."""
+    """All problems of a configuration, sorted by their position; `found` has them in the order they were found in."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
-        self.problems = tuple(sorted(set(problems)))
+        self.found, self.problems = tuple(problems), tuple(sorted(set(problems)))
         more = [f".. and {len(self.problems) - MAX_SHOWN} more"] if len(self.problems) > MAX_SHOWN else []
         super().__init__("\n".join([*map(str, self.problems[:MAX_SHOWN]), *more]))
 

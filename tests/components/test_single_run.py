@@ -10,7 +10,7 @@ from components.one_run import MODEL, Fixed, Textbook, designed
 from rmpc_bench import Controller, Estimator, Metric, single_run
 from rmpc_bench.components.single_run import design_function, is_single_run
 from rmpc_bench.config_file.keys import keys_of, validate
-from rmpc_bench.config_file.tree import Map, Mark
+from rmpc_bench.config_file.tree import Map, Mark, Problems
 from rmpc_bench.registry import _REGISTERED
 from rmpc_bench.types import Command, DesignError, Positive, as_command, as_estimate, as_motion
 
@@ -130,10 +130,10 @@ class Tuned(Fixed):
 
 def test_parameters_of_init_are_keys(registered):
     """Oracle: the problems of a built-in component: missing, unknown, out of range, quantities, defaults."""
-    problems = []
+    problems = Problems()
     kind = registered("estimators", Tuned)
     mark = Mark("x.yaml", 1, 1)
-    checked = validate(kind, Map({"gain": "2*pi", "max_held": "5%"}, mark=mark), ["e"], problems)
+    checked = problems.tried(validate, kind, Map({"gain": "2*pi", "max_held": "5%"}, mark=mark), ["e"])
     assert problems == [] and (checked.gain, checked.Ne, checked.on_failure, checked.max_held) == (
         2 * np.pi,
         3,
@@ -147,7 +147,7 @@ def test_parameters_of_init_are_keys(registered):
         ({}, "gain"),
     ):
         problems.clear()
-        assert validate(kind, Map(tree, mark=mark), ["e"], problems) is None
+        assert problems.tried(validate, kind, Map(tree, mark=mark), ["e"]) is None
         assert message in problems[0].message
     text = inspect.getdoc(design_function("estimators", Tuned))
     assert text.startswith("A filter with keys.") and "gain : how much" in text and "max_held : share" in text

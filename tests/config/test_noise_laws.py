@@ -11,19 +11,19 @@ from rmpc_bench import estimator, load_config, registry
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.noise import correlated, heavy_tailed, measurement
+from rmpc_bench.noise import correlated, measurement
 from rmpc_bench.noise.bounded import corners, ellipsoid
-from rmpc_bench.noise.gaussian import gaussian
+from rmpc_bench.noise.gaussian import gaussian, outliers, student_t
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import ConfigError
 
 BURSTS = [Burst(0.2, 0.5, 3.0)]
 AS_YAML = "bursts: [{from: 0.2, to: 0.5, factor: 3}]"
 LAWS = [
-    ("{student-t: {dof: 3, scale: 10}}", heavy_tailed.student_t(1, dof=3.0, scale=10.0)),
+    ("{student-t: {dof: 3, scale: 10}}", student_t(1, dof=3.0, scale=10.0)),
     (
         "{outliers: {std: 10, probability: 10%, factor: 10}}",
-        heavy_tailed.outliers(1, std=10.0, probability=0.1, factor=10.0),
+        outliers(1, std=10.0, probability=0.1, factor=10.0),
     ),
     ("{drift: {std: 0.1, start: 2}}", correlated.drift(1, std=0.1, start=2.0)),
     ("{coloured: {std: 0.1, time: 0.5}}", correlated.coloured(1, 0.1, std=0.1, time=0.5)),
@@ -37,7 +37,7 @@ LAWS = [
     (f"{{coloured: {{std: 2, pole: 0.5, {AS_YAML}}}}}", correlated.coloured(1, 0.1, std=2.0, pole=0.5, bursts=BURSTS)),
     (
         f"{{student-t: {{dof: 3, scale: 2, {AS_YAML}}}}}",
-        heavy_tailed.student_t(1, 0.1, dof=3.0, scale=2.0, bursts=BURSTS),
+        student_t(1, 0.1, dof=3.0, scale=2.0, bursts=BURSTS),
     ),
 ]
 

@@ -24,7 +24,7 @@ STAGES = {  # public function of a stage -> its module
 }
 BESIDE = {  # module -> its other public functions
     sweep: {"columns", "assigned"},
-    check: {"warnings_of", "check_evaluation", "check_recording"},
+    check: {"check_report", "check_statistics"},
     load: {"load_config"},
 }
 
@@ -37,7 +37,7 @@ def test_load_config_calls_every_stage_once_and_in_order():
     places = [re.search(rf"\b{name}\((?!self)", text).start() for name in STAGES]
     assert places == sorted(places)
     assert sorted(name for name in called if name in STAGES) == sorted(STAGES)
-    others = {"bool", "len", "problems_at_origin", "join_findings", "with_matrices", "load_plugins", "ConfigError"}
+    others = {"bool", "len", "problems_at_origin", "with_findings", "with_matrices", "load_plugins", "ConfigError"}
     others |= {"OwnCode", "Size", "Inherited", "fitting_sweep", "fitting_metrics", "texts_of", "_validated"}
     others |= {"located", "reported_once"}
     # Values that tuning chooses: what is refused, what there is to choose, and the same stages with the chosen ones.

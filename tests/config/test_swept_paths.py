@@ -11,8 +11,7 @@ from missing_libraries import skip_without_libraries
 from rmpc_bench import load_config
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.build import DesignCache, build
-from rmpc_bench.config.check import FirstCalls
-from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.own_code import FirstCalls, OwnCode
 from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.sweep import (
     METHOD_COMPONENTS,
@@ -61,7 +60,7 @@ class Keys:
         [draft] = validate_sections(
             [SweptTree({}, compose(tree, self.access))], runs=None, smoke=False, access=self.access
         )
-        [point] = build([draft], own, smoke=False, cache=self.cache, calls=self.calls)
+        [(point, *_)] = build([draft], own, smoke=False, cache=self.cache, calls=self.calls)
         return None if point is None or draft.problems or own.problems else point.method_keys
 
     def with_value(self, path, value):

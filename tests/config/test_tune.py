@@ -8,7 +8,7 @@ from tuned_experiment import KEYS, write
 import rmpc_bench
 from rmpc_bench import load_config
 from rmpc_bench.config.experiment_config import tuning_seed
-from rmpc_bench.config.method_tune import _inside
+from rmpc_bench.config.search import _inside
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.numerics.direct_search import MOST_DIMENSIONS

@@ -12,6 +12,7 @@ from small_experiment import write
 from rmpc_bench import registry
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config_file.keys import PROVIDED, keys_of, model_of, shown, validate
+from rmpc_bench.config_file.tree import Problems
 from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.types import ConfigError, Count, Matrix, NonNegative, Positive
 
@@ -49,9 +50,9 @@ class Moving:
 
 def check(annotation, yaml):
     """Return the validated value of a YAML text, or the list of (line:column, path, message)."""
-    problems = []
+    problems = Problems()
     tree = parse(f"a: {yaml}", "f.yaml")
-    value = validate(dict[str, annotation], tree, [], problems)
+    value = problems.tried(validate, dict[str, annotation], tree, [])
     found = [(f"{problem.line}:{problem.column}", problem.path, problem.message) for problem in problems]
     return found if found else value["a"]
 
@@ -193,10 +194,10 @@ def test_keys_are_the_parameters_of_the_design(group, name):
 
 def test_a_key_named_like_a_python_word():
     """`from_` is the parameter, `from` the key, and `from_` is no key."""
-    problems = []
-    made = validate(model_of("metrics", "mse"), parse("{from: 1/2}", "f.yaml"), [], problems)
+    problems = Problems()
+    made = problems.tried(validate, model_of("metrics", "mse"), parse("{from: 1/2}", "f.yaml"), [])
     assert made.from_ == 0.5 and not problems
-    assert validate(model_of("metrics", "mse"), parse("{from_: 1}", "f.yaml"), [], problems) is None
+    assert problems.tried(validate, model_of("metrics", "mse"), parse("{from_: 1}", "f.yaml"), []) is None
     assert problems[0].message == "'from_' is not a known key; did you mean 'from'?"
 
 
@@ -217,7 +218,7 @@ def test_a_key_without_an_annotation_is_read_as_a_number_where_its_default_is_on
 
     monkeypatch.setitem(registry._REGISTERED["estimators"], "plain", design)
     tree = {"factor": "5%", "Ne": "2*3", "word": "5%", "anything": "5%"}
-    checked = validate(model_of("estimators", "plain"), tree, [], [])
+    checked = validate(model_of("estimators", "plain"), tree, [])
     assert (checked.factor, checked.Ne, checked.word, checked.anything) == (0.05, 6, "5%", "5%")
     assert isinstance(checked.Ne, int)
 

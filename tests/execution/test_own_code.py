@@ -66,7 +66,7 @@ METHODS = """{Kalman: {estimator: {kind: kalman}},
 def no_first_calls():
     """Leave out the calls before any run, which nothing here is about."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rmpc_bench.config.check.FirstCalls.estimates", lambda *_: {})
+        patch.setattr("rmpc_bench.config.own_code.FirstCalls.estimates", lambda *_: {})
         yield
 
 

@@ -90,7 +90,7 @@ def run(path, out, *options):
 def no_first_calls():
     """Leave out the calls before any run, which nothing here is about."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rmpc_bench.config.check.FirstCalls.estimates", lambda *_: {})
+        patch.setattr("rmpc_bench.config.own_code.FirstCalls.estimates", lambda *_: {})
         yield
 
 

@@ -9,6 +9,7 @@ from small_experiment import write
 from rmpc_bench import load_config, registry
 from rmpc_bench.config_file.component import plain_data
 from rmpc_bench.config_file.keys import model_of, validate
+from rmpc_bench.config_file.tree import Problems
 from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.publishing.figure_files import figure_component
 from rmpc_bench.registry import names
@@ -116,8 +117,8 @@ NO_Y, UNKNOWN = ({"signals": {"A": each}, "recorded": range(1)} for each in ({"u
 
 
 def read(kind, text):
-    problems = []
-    return validate(model_of("figures", kind), parse(text, "f.yaml"), [], problems), problems
+    problems = Problems()
+    return problems.tried(validate, model_of("figures", kind), parse(text, "f.yaml"), []), problems
 
 
 def issues(kind, text, layout):

@@ -7,6 +7,7 @@ from metrics.estimate_records import LAYOUT, N, plant, trajectories
 from metrics.issue_checks import only_issue
 
 from rmpc_bench.config_file.keys import model_of, validate
+from rmpc_bench.config_file.tree import Problems
 from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.metrics.cost import Cost
 from rmpc_bench.types import Record
@@ -64,8 +65,10 @@ def test_an_impossible_weight(keys, parameter, message):
 
 def test_keys():
     """As a configuration writes them."""
-    problems = []
-    keys = validate(model_of("metrics", "cost"), parse("{Q_x: [10, 1], R_u: 50%, from: 2}", "f.yaml"), [], problems)
+    problems = Problems()
+    keys = problems.tried(
+        validate, model_of("metrics", "cost"), parse("{Q_x: [10, 1], R_u: 50%, from: 2}", "f.yaml"), []
+    )
     assert not problems and (keys.Q_x, keys.R_u, keys.from_) == ([10.0, 1.0], 0.5, 2.0)
-    validate(model_of("metrics", "cost"), parse("{Q_x: 1}", "f.yaml"), [], problems)
+    problems.tried(validate, model_of("metrics", "cost"), parse("{Q_x: 1}", "f.yaml"), [])
     assert [problem.message for problem in problems] == ["'R_u' is missing"]

@@ -5,6 +5,7 @@ import pytest
 from metrics.issue_checks import only_issue
 
 from rmpc_bench.config_file.keys import model_of, validate
+from rmpc_bench.config_file.tree import Problems
 from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.metrics.input import InputPower, InputRoughness
 from rmpc_bench.metrics.tracking import Mae, Mse, Rmse, SettlingTime, SteadyStateError
@@ -198,8 +199,8 @@ def test_windows_outside_the_experiment_are_issues(window):
 
 def test_a_share_above_one_is_refused():
     """Oracle: a part is not larger than the whole."""
-    problems = []
-    validate(model_of("metrics", "steady_state_error"), parse("{share: 150%}", "f.yaml"), [], problems)
+    problems = Problems()
+    problems.tried(validate, model_of("metrics", "steady_state_error"), parse("{share: 150%}", "f.yaml"), [])
     assert [(problem.path, problem.message) for problem in problems] == [("share", "must be <= 1 (got '150%')")]
 
 

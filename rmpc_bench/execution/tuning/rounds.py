@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.tuning_designs import Round, RoundBuilder, Trial
+from rmpc_bench.config.rounds import Round, RoundBuilder, Trial
 from rmpc_bench.engines.choice import ComputeOptions, choose_engine
 from rmpc_bench.execution.missing import pending, stored_blocks
 from rmpc_bench.execution.progress import Progress

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig, TuningPlan, WantedSearch
 from rmpc_bench.config.identity import digest
-from rmpc_bench.config.tuning_designs import Trial
+from rmpc_bench.config.rounds import Trial
 from rmpc_bench.engines.choice import ComputeOptions
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.progress import Progress

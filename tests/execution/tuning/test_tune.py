@@ -403,7 +403,7 @@ def interrupted_at_the_test(values):
 def test_a_large_round_is_computed_in_parts(finished, tmp_path, monkeypatch):
     """With the same bytes: neither the parts nor the designs that are kept decide anything."""
     monkeypatch.setattr("rmpc_bench.execution.tuning.rounds.MOST_TRIALS", 4)
-    monkeypatch.setattr("rmpc_bench.config.tuning_designs.MOST_DESIGNS", 2)
+    monkeypatch.setattr("rmpc_bench.config.rounds.MOST_DESIGNS", 2)
     run(finished[0], tmp_path / "out", "-j", 1)
     assert record(tmp_path / "out") == record(finished[1])
 

@@ -1,4 +1,4 @@
-"""The designs of values that tuning tries, as configurations of their own, and a configuration with known values."""
+"""Rounds of tuning: the designs of values that are tried, as configurations of their own."""
 
 from __future__ import annotations
 
@@ -7,40 +7,16 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from rmpc_bench.config.build import DesignCache, build
-from rmpc_bench.config.check import FirstCalls
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.experiment_config import ExperimentConfig, Origin, WantedSearch, parameter_words, tuning_plan
+from rmpc_bench.config.experiment_config import ExperimentConfig, WantedSearch
 from rmpc_bench.config.identity import SweepPoint
-from rmpc_bench.config.method_tune import as_value, with_values
-from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.own_code import FirstCalls, OwnCode
+from rmpc_bench.config.search import as_value, with_values
 from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.tree import Items, Map, join, locate_key
 from rmpc_bench.types import ConfigError
-
-
-def with_tuning(config: ExperimentConfig, drafts: Sequence[DraftConfig], origin: Origin) -> ExperimentConfig:
-    """Return a configuration that knows its searches; the values that are known are added to its resolved form."""
-    plan = tuning_plan(drafts, config.points)
-    config = replace(config, parameters=parameter_words(drafts[0], plan))
-    if plan is None:
-        return config
-    rows = [
-        {
-            **({"at": each.point} if each.point else {}),
-            "method": each.method,
-            "values": dict(each.values),
-            "key": each.carried,
-        }
-        for each in plan.searches
-        if each.values is not None
-    ]
-    resolved, first = (
-        {**tree, "tune": {**tree["tune"], "values": rows}} for tree in (config.resolved, config.first_point)
-    )
-    return replace(config, tuning=plan, origin=origin, resolved=resolved, first_point=first)
-
 
 SEPARATOR = "~"  # between the name of a method and the number of a value
 MOST_DESIGNS = 1000  # designs that are kept from one round to the next; some are large
@@ -114,7 +90,7 @@ class RoundBuilder:
         while left:
             draft = self._draft(number, left, tested=tested)
             # The draft has lost the methods that could not be validated.
-            [point] = build([draft], own, smoke=self._origin.smoke, cache=self._cache, calls=self._calls)
+            [(point, *_)] = build([draft], own, smoke=self._origin.smoke, cache=self._cache, calls=self._calls)
             if point is not None and not draft.problems:
                 return point, left
             starts = {trial: f"{join(['methods', trial.name])}." for trial in left}
@@ -153,7 +129,7 @@ class RoundBuilder:
 
     def _methods(self, number: int, tree: Map, trials: Sequence[Trial]) -> Map:
         """Return the methods of a round, and the one that the uncertainty of the plant is chosen against."""
-        given, draft = tree["methods"], DraftConfig(tree, [])
+        given, draft = tree["methods"], DraftConfig(tree)
         found = Map(mark=given.mark)
         opponent = self._config.points[number].experiment.plant.opponent
         if opponent is not None:

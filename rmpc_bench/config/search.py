@@ -1,26 +1,37 @@
-"""The key `tune` of a method: its ranges, the values that were chosen, and what tuning needs of the other sections."""
+"""What is searched of a method: its ranges under the key `tune`, chosen values, and what a search needs of the rest."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from rmpc_bench.config.draft import DraftConfig, MethodComponents, TunedMethod
+from rmpc_bench.config.draft import AlreadyNoted, DraftConfig, MethodComponents, Search, metric_names
 from rmpc_bench.config.identity import SweepPoint
 from rmpc_bench.config.statistics import BEST_AT
 from rmpc_bench.config.sweep import METHOD_COMPONENTS
-from rmpc_bench.config.tune import SMOKE_BUDGET, Range, parameter_of
-from rmpc_bench.config_file.component import plain_data
+from rmpc_bench.config.tune import Range, TuneKeys, parameter_of
+from rmpc_bench.config_file.component import Component, plain_data
 from rmpc_bench.config_file.keys import shown, validate
-from rmpc_bench.config_file.tree import Map, Mark, assign, join, locate, locate_key, merge, split, with_kind
+from rmpc_bench.config_file.tree import (
+    Map,
+    Mark,
+    Problems,
+    assign,
+    error_at,
+    join,
+    locate,
+    locate_key,
+    merge,
+    problem_at,
+    split,
+    with_kind,
+)
 from rmpc_bench.registry import unknown
-from rmpc_bench.types import ConfigError, Problem
+from rmpc_bench.types import Problem
 from rmpc_bench.types.tuning import MOST_PARAMETERS, TunedParameter, ValueRow
 
-Reader = Callable[[Map], MethodComponents]
-"""Validates the components of a method; the errors are added to the problems of the draft."""
 DIGITS = 12  # significant digits of the sum of an offset and a number of the range
 
 
@@ -36,36 +47,65 @@ def with_values(draft: DraftConfig, own: Map, values: Mapping[str, float], mark:
     return own
 
 
-def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components: MethodComponents) -> MethodComponents:
-    """Read the key `tune` of a method as configured; the draft gets its ranges, and the errors.
+def read_components(draft: DraftConfig, name: str, own: Map) -> MethodComponents:
+    """Read the components of a method as it is given, or with the values of a search."""
+    named = {key: _component(draft, name, own, key) for key in METHOD_COMPONENTS}
+    controlled = own.get("controller", draft.tree.get("controller")) is not None
+    label = own.get("label")
+    return MethodComponents(None if label is None else str(label), **named, controlled=controlled)
 
-    Return the components with the values that were chosen; those without them where none were.
-    """
+
+def _component(draft: DraftConfig, name: str, own: Map, key: str) -> Component | None:
+    """Merge a component of a method over the default of all methods and validate it."""
+    if key not in own and key == "model":
+        return draft.model
+    path: list[str | int] = ["methods", name]
+    default = with_kind(f"{key}s", draft.tree.get(key))
+    tree = with_kind(f"{key}s", own[key]) if key in own else default
+    if tree is None:
+        # An experiment without any controller has u = 0.
+        if key != "controller" or draft.with_controller:
+            draft.note(path, f"{key!r} is missing, here and as a default of all methods")
+        return None
+    if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
+        tree = merge(default, tree)
+    if not isinstance(tree, Map) and key not in own:
+        return None
+    return draft.component(f"{key}s", tree, [*path, key], mark=own.places(key)[1])
+
+
+def with_search(draft: DraftConfig, name: str, own: Map, components: MethodComponents) -> MethodComponents:
+    """Read the key `tune` of a method; return its components with what is searched and the values that were chosen."""
+    search = draft.tried(_search, draft, name, own, components)
+    if search is None:
+        return components
+    mark = locate_key(draft.tree, ["methods", name, "tune"])
+    found = read_components(draft, name, with_values(draft, own, search.values, mark)) if search.values else components
+    return replace(found, search=search)
+
+
+def _search(draft: DraftConfig, name: str, own: Map, components: MethodComponents) -> Search:
+    """Read the ranges of a method, and validate it at their ends; a ConfigError has what is wrong."""
     path: list[str | int] = ["methods", name, "tune"]
     tree = own["tune"]
     if not isinstance(tree, Map) or not tree:
         got = "an empty mapping" if tree == {} else shown(tree)
-        draft.note(path, f"must be a mapping such as {{estimator.radius: [0.01, 10]}} (got {got})")
-        return components
-    before = len(draft.problems)
-    parameters = [found for key in tree if (found := _parameter(draft, tree, key, path)) is not None]
-    if len(draft.problems) > before or not components.is_valid:
-        return components
-    lowest = _checked_at(draft, own, read, parameters, path, [each.ends[0] for each in parameters])
-    if lowest is None:
-        return components
+        raise error_at(draft.tree, path, f"must be a mapping such as {{estimator.radius: [0.01, 10]}} (got {got})")
+    problems = Problems()
+    found = [problems.tried(_parameter, draft.tree, tree, key, path) for key in tree]
+    problems.stop()
+    if not components.is_valid:
+        raise AlreadyNoted
+    parameters = [each for each in found if each is not None]
+    lowest = _checked_at(draft, name, own, parameters, [each.ends[0] for each in parameters])
     # What is wrong at both ends is reported once.
-    for row in ([each.ends[1] for each in parameters], [_inside(each) for each in parameters]):
-        if _checked_at(draft, own, read, parameters, path, row) is None:
-            return components
-    chosen = draft.tuning.chosen.get(name)
-    mark = locate_key(draft.tree, path)
-    values = None
+    _checked_at(draft, name, own, parameters, [each.ends[1] for each in parameters])
+    _checked_at(draft, name, own, parameters, [_inside(each) for each in parameters])
+    chosen, values = draft.chosen.get(name), None
     if chosen is not None and {*chosen} in ({each.path for each in parameters}, set()):
         values = {each.path: as_value(each, chosen[each.path]) for each in parameters if chosen}
     default = tuple(_number_at(components, each.path) for each in parameters)
-    draft.tuning.methods[name] = TunedMethod(tuple(parameters), default, lowest, values, components)
-    return read(with_values(draft, own, values, mark)) if values else components
+    return Search(tuple(parameters), default, lowest, values, components)
 
 
 def as_value(parameter: TunedParameter, number: float) -> float | int:
@@ -80,24 +120,19 @@ def nearest_value(parameter: TunedParameter, number: float) -> float | int:
     return as_value(parameter, round(inside) if parameter.integer else inside)
 
 
-def _parameter(draft: DraftConfig, tree: Map, key: str, path: list[str | int]) -> TunedParameter | None:
-    """Read the range of one path; None where it has an error."""
+def _parameter(whole: Map, tree: Map, key: str, path: list[str | int]) -> TunedParameter:
+    """Read the range of one path."""
     place = [*path, key]
-    try:
-        steps = split(key, locate_key(tree, [key]))
-    except ConfigError as error:
-        draft.problems += error.problems
-        return None
+    steps = split(key, locate_key(tree, [key]))
     if steps[0] not in METHOD_COMPONENTS or len(steps) < 2:
-        known = unknown(steps[0], METHOD_COMPONENTS, "component of a method")
-        draft.note(place, known if len(steps) > 1 else "name a parameter, such as estimator.radius", key=True)
-        return None
-    given = validate(Range, tree[key], place, draft.problems, mark=locate(tree, [key]))
+        message = "name a parameter, such as estimator.radius"
+        message = unknown(steps[0], METHOD_COMPONENTS, "component of a method") if len(steps) > 1 else message
+        raise error_at(whole, place, message, key=True)
+    given = validate(Range, tree[key], place, mark=locate(tree, [key]))
     try:
-        return None if given is None else parameter_of(key, given)
+        return parameter_of(key, given)
     except ValueError as error:
-        draft.note(place, str(error))
-        return None
+        raise error_at(whole, place, str(error)) from None
 
 
 def _inside(parameter: TunedParameter) -> float:
@@ -110,30 +145,25 @@ def _inside(parameter: TunedParameter) -> float:
 
 
 def _checked_at(
-    draft: DraftConfig,
-    own: Map,
-    read: Reader,
-    parameters: Sequence[TunedParameter],
-    path: list[str | int],
-    row: Sequence[float],
-) -> MethodComponents | None:
+    draft: DraftConfig, name: str, own: Map, parameters: Sequence[TunedParameter], row: Sequence[float]
+) -> MethodComponents:
     """Validate a method at a value of every range; what is refused there is an error of the range."""
-    mark = Mark(*locate(draft.tree, path))
+    path: list[str | int] = ["methods", name, "tune"]
     values = {each.path: as_value(each, value) for each, value in zip(parameters, row, strict=True)}
-    before = len(draft.problems)
-    found: MethodComponents | None = None
-    try:
-        found = read(with_values(draft, own, values, mark))
-    except ConfigError as error:
-        draft.problems += error.problems
-    refused, draft.problems[before:] = draft.problems[before:], []
-    for problem in refused:
+    trial = replace(draft, problems=Problems())
+    given = trial.tried(with_values, draft, own, values, locate(draft.tree, path))
+    found = None if given is None else read_components(trial, name, given)
+    problems = Problems()
+    for problem in trial.problems:
         parameter = _to_blame(problem, parameters)
         number = values[parameter.path]
         counts = number % 1 and "whole number" in problem.message
         hint = "; `integer: true` in its range tries only such" if counts else ""
-        draft.note([*path, parameter.path], f"{parameter.path} = {number:.12g}: {problem.message}{hint}")
-    return None if refused else found
+        message = f"{parameter.path} = {number:.12g}: {problem.message}{hint}"
+        problems.append(problem_at(draft.tree, [*path, parameter.path], message))
+    problems.stop()
+    assert found is not None
+    return found
 
 
 def _to_blame(problem: Problem, parameters: Sequence[TunedParameter]) -> TunedParameter:
@@ -160,19 +190,11 @@ def _entry(node: Any, step: str) -> Any:
     return node[int(step)] if isinstance(node, list) and step.isdigit() and int(step) < len(node) else None
 
 
-def shrink_tuning(draft: DraftConfig) -> None:
-    """Take the size of a smoke run for the tuning, without the regret."""
-    tune, size = draft.values["tune"], draft.values["smoke"]
-    if tune is not None and size is not None:
-        budget, runs = min(tune.budget, SMOKE_BUDGET), min(tune.runs, size.runs)
-        draft.values["tune"] = replace(tune, budget=budget, runs=runs, regret=False)
-
-
 def metric_of_tuning(draft: DraftConfig) -> str:
     """Return the name of the metric that tuning minimises: the one of the section, or the primary one."""
-    tune, statistics = draft.values["tune"], draft.values["statistics"]
+    tune, statistics = draft.keys.tune, draft.keys.statistics
     primary = None if statistics is None else statistics.primary
-    return str((tune and tune.metric) or primary or (draft.metric_names or [""])[0])
+    return str((tune and tune.metric) or primary or [*metric_names(draft.metrics), ""][0])
 
 
 def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> None:
@@ -181,32 +203,33 @@ def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | No
     The first draft gets errors and warnings.  A design that could not be made is None.
     """
     first = drafts[0]
-    names = [name for name, own in (first.values["methods"] or {}).items() if isinstance(own, Map) and own.get("tune")]
-    if first.values["tune"] is None:
+    names = [name for name, own in (first.keys.methods or {}).items() if isinstance(own, Map) and own.get("tune")]
+    tune = first.keys.tune
+    if tune is None:
         # `tune: null` says that nothing is tuned; a section with an error has been reported.
         for name in names if "tune" not in first.tree else ():
             message = "needs the section `tune` at the top, such as `tune: {budget: 16, runs: 40}`, or `tune: {}`"
             first.note(["methods", name, "tune"], f"{message}; `tune: null` tunes nothing", key=True)
         return
-    _check_values(drafts, names)
+    _check_values(drafts, tune, names)
     if not names:
         # The command line may add such a method, also an earlier one.
         message = "no method has the key `tune`, such as `tune: {estimator.radius: [0.01, 10]}`; nothing is tuned"
         first.warnings.append(Problem(*locate_key(first.tree, ["tune"]), "tune", message))
         return
-    _check_search(first, names)
+    _check_search(first, tune, names)
     _check_sweep(first)
-    if "runs" not in first.values["evaluate"]:
+    if "runs" not in first.keys.evaluate:
         first.note(["tune"], "nothing is computed run by run here; evaluate: [runs, ...]", key=True)
     if points[0] is not None:
         _check_metric(first, points[0])
         _check_plant(first, points[0], names)
 
 
-def _check_values(drafts: Sequence[DraftConfig], names: Sequence[str]) -> None:
+def _check_values(drafts: Sequence[DraftConfig], tune: TuneKeys, names: Sequence[str]) -> None:
     """Refuse values that nothing tunes; inherited ones of a method or point that is not here are left out."""
     first, points, seen = drafts[0], {draft.title: draft for draft in drafts}, set[tuple[str, str]]()
-    for number, row in enumerate(first.values["tune"].values):
+    for number, row in enumerate(tune.values):
         place: list[str | int] = ["tune", "values", number]
         found = {} if row.at in points else {"at": _wrong_point(row.at, points)}
         found |= {} if row.method in names else {"method": unknown(row.method, names, "method with the key `tune`")}
@@ -218,7 +241,7 @@ def _check_values(drafts: Sequence[DraftConfig], names: Sequence[str]) -> None:
             else:
                 first.note([*place, key] if key == "method" or row.at else place, message)
         seen.add((row.at, row.method))
-        tuned = None if found else points[row.at].tuning.methods.get(row.method)
+        tuned = None if found else points[row.at].searches.get(row.method)
         for path, message in [] if tuned is None else _wrong_values(row, tuned):
             first.note([*place, "values", *path], f"{message}; `-s tune.values=[]` searches again")
 
@@ -229,7 +252,7 @@ def _wrong_point(at: str, points: Collection[str]) -> str:
     return unknown(at, points, "point of the sweep") if at else f"name its point, such as `at: {next(iter(points))}`"
 
 
-def _wrong_values(row: ValueRow, tuned: TunedMethod) -> Iterator[tuple[list[str], str]]:
+def _wrong_values(row: ValueRow, tuned: Search) -> Iterator[tuple[list[str], str]]:
     """Yield the path below `values` and what is wrong there."""
     parameters = {each.path: each for each in tuned.parameters}
     for path, value in row.values.items():
@@ -242,15 +265,14 @@ def _wrong_values(row: ValueRow, tuned: TunedMethod) -> Iterator[tuple[list[str]
         yield [], f"{missing} is missing, which is tuned too"
 
 
-def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:
-    tuned = draft.tuning.methods
+def _check_search(draft: DraftConfig, tune: TuneKeys, names: Sequence[str]) -> None:
+    tuned = draft.searches
     for name in names:
         n = len(tuned[name].parameters) if name in tuned else 0
         if n > MOST_PARAMETERS:
             message = f"has {n} parameters; at most {MOST_PARAMETERS} are chosen together, so leave some out"
             draft.note(["methods", name, "tune"], message, key=True)
-    tune = draft.values["tune"]
-    for name in names if tune is not None and tune.search == "grid-golden" else ():
+    for name in names if tune.search == "grid-golden" else ():
         if name in tuned and len(tuned[name].parameters) > 1:
             message = "`search: grid-golden` takes one parameter; nelder-mead, quasi-random and auto take more"
             draft.note(["methods", name, "tune"], message, key=True)
@@ -259,7 +281,7 @@ def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:
 def _check_sweep(draft: DraftConfig) -> None:
     """Refuse a parameter that is both swept and tuned."""
     swept = [split(path, draft.tree.mark) for path in draft.coordinates]
-    for name, tuned in draft.tuning.methods.items():
+    for name, tuned in draft.searches.items():
         for parameter in tuned.parameters:
             steps = ["methods", name, *split(parameter.path, draft.tree.mark)]
             if any(path[: len(steps)] == steps for path in swept):
