@@ -25,8 +25,10 @@ from rmpc_bench.store.store import WORDS, Store
 from rmpc_bench.types import Array
 from rmpc_bench.types.sweep_points import relevant_paths
 
-SAME = ("name", "labels", "relevant", "margins", "primary", "average", "headline", "axes", "expected_failures")
-SAME += ("requirements", "calibration")  # fields that the record of an experiment and every table of its trials have
+SAME = (
+    *("name", "labels", "relevant", "margins", "primary", "average", "headline", "axes", "expected_failures"),
+    *("requirements", "calibration"),
+)  # fields that the record of an experiment and every table of its trials have
 OF_POINT = ("metrics", "seed", "Ts", "title", "random_besides", "laws", "limitations")  # those of the record of a point
 
 
