@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -73,28 +74,6 @@ MOST_ON_SCREEN = 6  # points of single runs that are shown one by one; of more a
 MOST_PAGES = 50  # points of a sweep that get a page in tables/summary.md; summary.csv has all
 
 
-def main_table(points: Points) -> str:
-    """Return the main table of the page as HTML, all points below each other, and its note; empty without runs."""
-    tables = [result_table(*each, each.trials.primary_info or each.trials.metrics[0]) for each in points.with_runs]
-    if not tables:
-        return ""
-    rows: list[dict[str, str]] = []
-    for table in tables:
-        found, title = rows_of(table).columns, table.trials.title
-        at = {"point": title} if title else {}
-        rows += [at | dict(zip(found, cells, strict=True)) for cells in zip(*found.values(), strict=True)]
-    heads = dict.fromkeys(head for row in rows for head in row)
-    columns = {head: [row.get(head, "") for row in rows] for head in heads}
-    first = tables[0]
-    drawn_none = rows_of(first, everything=True)
-    note = f"{first.info.words} against {first.baseline}. {note_of(tables, len(first.trials.runs), drawn_none)}"
-
-    def write(text: str) -> str:
-        return said(text, columns["method"])
-
-    return f"{html_table(columns, write)}<p>{write(capitalised(note))}</p>"
-
-
 class Summary(Points):
     """A table of trials with its statistics, point by point."""
 
@@ -134,7 +113,22 @@ class Summary(Points):
         return f"<Summary of {trials.name!r}: {len(trials.methods)} methods, {len(self.points)} points>"
 
     def _repr_html_(self) -> str:
-        return main_table(self) or escape(repr(self))
+        """Return the main table of the page, all points below each other, and its note."""
+        tables = [result_table(*each, each.trials.primary_info or each.trials.metrics[0]) for each in self.with_runs]
+        if not tables:
+            return escape(repr(self))
+        rows: list[dict[str, str]] = []
+        for table in tables:
+            found, title = rows_of(table).columns, table.trials.title
+            at = {"point": title} if title else {}
+            rows += [at | dict(zip(found, cells, strict=True)) for cells in zip(*found.values(), strict=True)]
+        heads = dict.fromkeys(head for row in rows for head in row)
+        columns = {head: [row.get(head, "") for row in rows] for head in heads}
+        first = tables[0]
+        drawn_none = rows_of(first, everything=True)
+        note = f"{first.info.words} against {first.baseline}. {note_of(tables, len(first.trials.runs), drawn_none)}"
+        write = partial(said, names=columns["method"])
+        return f"{html_table(columns, write)}<p>{write(capitalised(note))}</p>"
 
     def to_markdown(self) -> str:
         """Return the pages of tables: of all points together where there are many, and of each."""
