@@ -131,7 +131,7 @@ class MovingHorizon(Estimator):
         own = state.own | np.isnan(y).any(axis=1)
         state = state._replace(y=appended(state.y, y, 0), own=own)
         fit = self._fit(k, self.programs[k], state)
-        P: Array = at_sample(self._P, k)
+        P: Array = at_sample(self.P, k)
         if own.any():
             fit, P, root_next = self._of_own_runs(k, state, fit)
             state = state._replace(root_next=root_next)
@@ -166,12 +166,6 @@ class MovingHorizon(Estimator):
         return np.asarray(near)
 
     @property
-    def _P(self) -> Float[Array, "k nx nx"]:
-        """P of the Kalman filter."""
-        assert self.kalman.P is not None
-        return self.kalman.P
-
-    @property
     def _covariances(self) -> Float[Array, "k nx nx"]:
         """P_pred of the Kalman filter."""
         P_pred: Array = self.kalman.extra["P_pred"]
@@ -195,7 +189,7 @@ class MovingHorizon(Estimator):
 
     def _of_own_runs(self, k: int, state: HorizonState, fit: WindowFit) -> tuple[WindowFit, Array, Array]:
         """Fit the windows of runs with missing measurements; return all fits, P and the next root."""
-        P, root_next = np.tile(at_sample(self._P, k), (len(state.y), 1, 1)), state.root_next.copy()
+        P, root_next = np.tile(at_sample(self.P, k), (len(state.y), 1, 1)), state.root_next.copy()
         x, solved, status = fit.x.copy(), fit.solved.copy(), list(fit.status)
         A, C, Q_w, R_v = (at_sample(getattr(self.model, name), k) for name in ("A", "C", "Q_w", "R_v"))
         for i in np.flatnonzero(state.own):

@@ -72,7 +72,7 @@ class IntersectionFilter(Estimator):
 
     def correct(self, k: int, state: SetState, y: Float[Array, "runs ny"]) -> tuple[SetState, Estimate]:
         """Enclose the predicted states that are consistent with y(k)."""
-        now = self._at(k)
+        now: LinearModel = at_sample(self.models, k)
         e = innovation(y, mv(now.C, state.x)) - now.d0
         if k == 0 and not self.use_y0:
             lam, met = np.zeros(len(y)), np.ones(len(y), dtype=bool)
@@ -88,14 +88,10 @@ class IntersectionFilter(Estimator):
 
     def predict(self, k: int, state: SetState, u: Float[Array, "runs nu"]) -> SetState:
         """Predict k+1."""
-        now = self._at(k)
+        now: LinearModel = at_sample(self.models, k)
         x = mv(now.A, state.x) + driven(now.B, u) + now.f0
         moved = np.einsum("rik,jk->rij", np.einsum("ij,rjk->rik", now.A, state.M), now.A)
         return SetState(x, sum_shapes(symmetrise(moved), at_sample(self.M_w, k)))  # (18)
-
-    def _at(self, k: int) -> LinearModel:
-        model: LinearModel = at_sample(self.models, k)
-        return model
 
 
 def design(

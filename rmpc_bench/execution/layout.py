@@ -28,7 +28,6 @@ from rmpc_bench.simulation.recording import design_series, kept
 from rmpc_bench.simulation.scenario import Experiment, random_besides
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Method
-from rmpc_bench.types.metric import Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 BUILT_IN = ("rmpc_bench.estimators.", "rmpc_bench.controllers.")
@@ -54,6 +53,7 @@ class _Layout:
     def experiment(self) -> StoredExperiment:
         """Return the record."""
         config, statistics = self._config, self._config.statistics
+        metrics = [info.name for info in config.experiment.metric_infos]
         return StoredExperiment(
             name=config.name,
             paper=config.paper,
@@ -78,7 +78,7 @@ class _Layout:
             points=tuple(self._point(point) for point in config.points),
             expected_failures=_declared(config),
             report=config.report,
-            requirements=_requirements(config),
+            requirements=tuple(read_requirement(text, metrics) for text in statistics.requirements),
             **statistics.comparison_keys(),
             added=self._added,
             stop=stop_of(config, None),
@@ -203,11 +203,6 @@ def _tuning(config: ExperimentConfig) -> StoredTuning | None:
         return None
     searches = tuple((each.point, each.method, each.key) for each in config.tuning.searches)
     return StoredTuning(config.tuning.protocol, searches)
-
-
-def _requirements(config: ExperimentConfig) -> tuple[Requirement, ...]:
-    names = [info.name for info in config.experiment.metric_infos]
-    return tuple(read_requirement(text, names) for text in config.statistics.requirements)
 
 
 def _declared(config: ExperimentConfig) -> dict[str, dict[str, str]]:

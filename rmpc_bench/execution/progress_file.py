@@ -36,8 +36,6 @@ FILE = "progress.json"
 EVERY = 2.0
 """Time between two writings of the file [s]."""
 RUNNING, FINISHED, INTERRUPTED = "running", "finished", "interrupted"
-_WORDS = {int(status): status.word for status in Status}
-_OK = Status.OK.word
 
 
 class Column(NamedTuple):
@@ -207,8 +205,8 @@ class ProgressFile(Following):
 
     def _add(self, column: Column, status: Int8[Array, " runs"], values: Array) -> None:
         codes, counts = np.unique(status, return_counts=True)
-        words = {_WORDS[int(code)]: int(n) for code, n in zip(codes, counts, strict=True)}
-        self._failed.update({word: n for word, n in words.items() if word != _OK})
+        words = {Status(int(code)).word: int(n) for code, n in zip(codes, counts, strict=True) if code != Status.OK}
+        self._failed.update(words)
         before = self._means.get((column.point, column.method), RunningMean())
         self._means[column.point, column.method] = before.joined(mean_of(values))
 
@@ -242,16 +240,17 @@ class ProgressFile(Following):
             "failed": dict(sorted(self._failed.items())),
             "metric": self._extent.primary,
             "means": [
-                {"point": column.title, "method": column.method, **_finite(self._means[place])}
+                {"point": column.title, "method": column.method}
+                | {name: finite(value) for name, value in self._means[place]._asdict().items()}
                 for place, column in self._columns.items()
                 if place in self._means
             ],
         }
 
 
-def _finite(mean: RunningMean) -> dict[str, float | None]:
-    """Return the fields; JSON has no word for a number that is too large."""
-    return {name: value if math.isfinite(value) else None for name, value in mean._asdict().items()}
+def finite(value: float) -> float | None:
+    """Return a number; None for one that is too large, for which JSON has no word."""
+    return value if math.isfinite(value) else None
 
 
 def write(path: Path, data: dict[str, Any]) -> None:

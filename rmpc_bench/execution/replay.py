@@ -49,7 +49,6 @@ from rmpc_bench.types.run_info import passed_on
 if TYPE_CHECKING:
     import pandas as pd
 
-_WORDS = {int(status): status.word for status in Status}
 Call = Callable[[str, int | None, Callable[..., Any], Sequence[Any]], Any]
 """Calls a method of a component written for one run: role, sample (None before the first), function, arguments."""
 
@@ -290,7 +289,7 @@ def _simulated(point: SweepPoint, name: str, run: int, until: int | None = None,
         error = caught.error if isinstance(caught, PassedOn) else caught
         failure, empty = failure_of(error, experiment, run), np.zeros((0, 1))
         signals = dict.fromkeys((*SIGNALS, COVARIANCE), empty)
-        return replayed(status=_WORDS[failure.status], failure=failure, signals=signals, metrics={}, error=error)
+        return replayed(status=Status(failure.status).word, failure=failure, signals=signals, metrics={}, error=error)
     whole = until is None
     code, metrics = _evaluated(experiment, record, status, start) if whole else (int(status[0]), {})
     failure = start.journal.failures.get(run)
@@ -298,8 +297,8 @@ def _simulated(point: SweepPoint, name: str, run: int, until: int | None = None,
     if status[0] != OK and (failure is None or failure.k is None):
         last = last_new_sample(record.x[0, : n_steps + 1])
     signals = _signals(plant, record, last)
-    steps = {_WORDS[step]: n for (_, step), n in sorted(start.journal.failed_steps.items())}
-    return replayed(status=_WORDS[code], failure=failure, signals=signals, metrics=metrics, failed_steps=steps)
+    steps = {Status(step).word: n for (_, step), n in sorted(start.journal.failed_steps.items())}
+    return replayed(status=Status(code).word, failure=failure, signals=signals, metrics=metrics, failed_steps=steps)
 
 
 def _signals(plant: Plant, record: Record, last: int) -> dict[str, Array]:

@@ -17,7 +17,7 @@ from shlex import quote
 from typing import Any
 
 from rmpc_bench.analysis.shown_numbers import plain, short
-from rmpc_bench.execution.progress_file import FILE, FINISHED, RUNNING, read
+from rmpc_bench.execution.progress_file import FILE, FINISHED, RUNNING, finite, read
 from rmpc_bench.execution.shards import Shard, shards_in
 from rmpc_bench.received.store import MissingError
 from rmpc_bench.results.running import RunningMean
@@ -89,7 +89,7 @@ class ExperimentStatus:
         """Return everything as plain data."""
         means = [
             {"point": point, "method": method, "n": mean.n, "n_other": mean.n_other}
-            | {"mean": _number(mean.mean if mean.n else math.nan), "se": _number(mean.se)}
+            | {"mean": finite(mean.mean if mean.n else math.nan), "se": finite(mean.se)}
             for point, method, mean in self.means
         ]
         return {
@@ -207,10 +207,6 @@ def _updated(data: Mapping[str, Any]) -> datetime:
 
 def _float(value: float | None) -> float:
     return math.nan if value is None else float(value)
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _head(status: ExperimentStatus) -> str:

@@ -106,14 +106,10 @@ class Scenario:
 
     def named_values(self, run: int) -> dict[str, float]:
         """Draw the named uncertain quantities of one run."""
-        found: dict[str, float] = {}
-        for key, law in self.uncertainty.items():
-            p = [stream(self.seed, run, f"uncertainty/{name}").random() for name in law.streams(key)]
-            found |= zip(law.names(key), law.draw(p), strict=True)
-        return found
+        return {name: float(values[0]) for name, values in self.named_columns(range(run, run + 1)).items()}
 
     def named_columns(self, runs: range) -> dict[str, Float[Array, " runs"]]:
-        """Draw the named uncertain quantities of many runs, those of `named_values`."""
+        """Draw the named uncertain quantities of many runs."""
         found: dict[str, Array] = {}
         for key, law in self.uncertainty.items():
             p = [first_uniforms(self.seed, runs, f"uncertainty/{name}").tolist() for name in law.streams(key)]

@@ -22,7 +22,6 @@ from rmpc_bench.types.texts import visible
 
 WIDTH = 0.01
 """Relative width of a bin of durations, hence the relative error of a quantile."""
-_WORDS = {int(status): status.word for status in Status}
 _SMALLEST = 1e-9
 """Shortest duration with a bin of its own [s], below the resolution of the clock."""
 
@@ -110,7 +109,7 @@ def read_failed_steps(file: StoreFile, method: int, n_runs: int) -> dict[int, di
     found: dict[int, dict[str, int]] = {}
     query = "SELECT run, status, n FROM failed_steps WHERE method = ? AND run < ? ORDER BY run, status"
     for run, status, n in file.read(query, (method, n_runs)) if file.has_table("failed_steps") else ():
-        found.setdefault(run, {})[_WORDS[status]] = n
+        found.setdefault(run, {})[Status(status).word] = n
     return found
 
 
