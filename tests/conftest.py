@@ -37,11 +37,11 @@ CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide")]
 TESTS = os.environ.get("RMPC_BENCH_TESTS", "")
 ALL = TESTS in ("all", "ci")
 """Shapes are checked, and no mark is left to `.ci/run`."""
-PARTS = 1 if TESTS == "all" else 5
+EVERY = {"all": 1, "ci": 5}.get(TESTS, 10)
 """From so many cases of a function with many (`WIDE`) one runs, unless a file of tests is named."""
 os.environ.setdefault("RMPC_BENCH_DOC_RUNS", "" if TESTS == "all" else "4")
 TURN = int(os.environ.get("RMPC_BENCH_TURN", "0"))
-"""Which of them: `.ci/run` counts commits, so that five commits after each other run all cases, and two all pages."""
+"""Which of them: `.ci/run` counts commits, so that five commits after each other run all cases, and all pages."""
 if ALL:
     jaxtyping.jaxtyped = remembered_checks.jaxtyped
     jaxtyping.install_import_hook(CHECKED, "remembered_checks.checked")
@@ -59,10 +59,10 @@ SLOW = [hypothesis.HealthCheck.too_slow]
 hypothesis.settings.register_profile("untimed", hypothesis.settings(), deadline=None, suppress_health_check=SLOW)
 hypothesis.settings.load_profile("untimed")
 
-WIDE = 20
+WIDE = 8
 """Number of cases from which on a function has many."""
 FOR_CI = ("page", "kill")
-"""Marks of tests that take long: `.ci/run` runs every second one, `make test` none."""
+"""Marks of tests that take long: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -72,6 +72,11 @@ SOLVER = {"rtol": 1e-6}
 """Two iterative methods that stop by themselves."""
 STAT = 5.0
 """How many standard errors a Monte Carlo mean may be off: once in 1.7 million tests by chance."""
+
+
+def by_turn(cases, first=0):
+    """Return of many cases those of this turn, from another one on for another ``first``."""
+    return cases[(TURN + first) % EVERY :: EVERY]
 
 
 def within_stat(samples, expected):
@@ -121,15 +126,17 @@ def pytest_collection_modifyitems(config, items):
     """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
     if any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
         return
-    marks = [mark for mark in FOR_CI if mark not in config.option.markexpr]
     cases = defaultdict(list)
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item)
-    left_out = {
-        item for each in cases.values() if len(each) >= WIDE for i, item in enumerate(each) if (i - TURN) % PARTS
-    }
-    marked = [item for item in items if any(map(item.get_closest_marker, marks))]
-    left_out |= set() if TESTS == "all" else {each for i, each in enumerate(marked) if not ALL or (i - TURN) % 2}
+    left_out = {*items} - {item for each in cases.values() for item in (each if len(each) < WIDE else by_turn(each))}
+    marked = defaultdict(list)
+    for item in items:
+        for mark in item.iter_markers():
+            if mark.name in FOR_CI and mark.name not in config.option.markexpr:
+                marked[mark.args[0] if mark.args else item.nodeid].append(item)
+    chosen = by_turn([*marked]) if ALL else ()
+    left_out |= {item for name, each in marked.items() if name not in chosen for item in each}
     config.hook.pytest_deselected(items=[item for item in items if item in left_out])
     items[:] = [item for item in items if item not in left_out]
 

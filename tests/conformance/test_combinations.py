@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ALL
+from conftest import by_turn
 from required_keys import REQUIRED
 
 from rmpc_bench import registry
@@ -176,8 +176,8 @@ def test_the_table_has_every_kind():
 @pytest.mark.parametrize("scenario", SCENARIOS)
 @pytest.mark.parametrize("plant", PLANTS)
 def test_every_kind_runs_or_names_its_error(plant, scenario):
-    """Oracle: the table; here every tenth cell, in `.ci/run` all."""
-    cells = CELLS if ALL else CELLS[len(plant + scenario) % 10 :: 10]
+    """Oracle: the table; some cells by turn, with `RMPC_BENCH_TESTS=all` all."""
+    cells = by_turn(CELLS, len(plant + scenario))
     experiment, messages = loaded(plant, scenario, cells)
     blocks = {method.name: simulate_block(experiment, method, range(RUNS)) for method in experiment.methods}
     found = {
@@ -197,7 +197,7 @@ def test_every_kind_runs_or_names_its_error(plant, scenario):
 @pytest.mark.parametrize("plant", PLANTS)
 def test_no_delay_is_a_delay_of_zero_samples(plant):
     """Oracle: the same experiment without the laws, bit for bit."""
-    cells = CELLS if ALL else CELLS[7::10]
+    cells = by_turn(CELLS, 7)
     (bare, messages), (delayed, same) = (loaded(plant, scenario, cells) for scenario in ("none", NO_DELAY))
     assert messages == same and [each.name for each in bare.methods] == [each.name for each in delayed.methods]
     for one, other in zip(bare.methods, delayed.methods, strict=True):

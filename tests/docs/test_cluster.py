@@ -21,7 +21,7 @@ def followed(tmp_path_factory):
         return place, {step.line: step for step in follow(PAGE, place)}
 
 
-@pytest.mark.page
+@pytest.mark.page("cluster")
 def test_every_command_works(followed):
     _, steps = followed
     assert len(steps) == 12
@@ -30,14 +30,14 @@ def test_every_command_works(followed):
         assert "Traceback" not in step.err, f"{line}\n{step.err}"
 
 
-@pytest.mark.page
+@pytest.mark.page("cluster")
 def test_all_ways_give_the_same_bytes(followed):
     place, _ = followed
     found = {name: (place / "results" / name / "trials.csv").read_bytes() for name in DIRECTORIES}
     assert len(set(found.values())) == 1 and found["study"].count(b"\n") == 401
 
 
-@pytest.mark.page
+@pytest.mark.page("cluster")
 def test_what_status_and_merge_show(followed):
     """The text of the page about them is true."""
     _, steps = followed

@@ -47,7 +47,7 @@ def copy(tmp_path_factory):
     return place
 
 
-@pytest.mark.page
+@pytest.mark.page("contributing")
 def test_a_scaffold_passes_all_tests_once_its_limit_is_written(copy):
     """Oracle: all tests whose name has that of the kind, and those that compare lists of kinds with the registry."""
     names = {name for kind in ADDED.values() for name in (kind, kind.replace("-", "_"))}

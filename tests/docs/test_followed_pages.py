@@ -8,7 +8,7 @@ import sys
 
 import pandas as pd
 import pytest
-from docs.followed_page import BLOCK, FOLLOWED, README, SHORT, TUNING, TUTORIAL, comparable, cut, follow, followed
+from docs.followed_page import BLOCK, FOLLOWED, SHORT, TUNING, TUTORIAL, comparable, cut, follow, followed
 from docs.markdown import DOCS
 
 from rmpc_bench import load_config, load_results
@@ -16,11 +16,10 @@ from rmpc_bench.components.user_class import MEANINGS
 from rmpc_bench.types import ConfigError
 
 OWN, LIMITS = DOCS / "own-components.md", DOCS / "constraints.md"
-PAGES = [*(page for page in FOLLOWED if page != README), OWN, LIMITS]
+PAGES = [pytest.param(page, marks=pytest.mark.page(page.stem), id=page.stem) for page in (*FOLLOWED[1:], OWN, LIMITS)]
 
 
-@pytest.mark.page
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES)
 def test_every_command_works(page):
     steps = followed(page).steps
     assert (page == OWN or any(step.shown is not None for step in steps)) and len(steps) <= 10
@@ -34,7 +33,7 @@ def test_the_quickstart_of_the_tutorial_exists():
     assert (TUTORIAL.parents[1] / "configs" / "quickstart.yaml").is_file()
 
 
-@pytest.mark.page
+@pytest.mark.page("tutorial")
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_the_document_of_the_tutorial_compiles():
     place = followed(TUTORIAL).place
@@ -44,7 +43,7 @@ def test_the_document_of_the_tutorial_compiles():
     assert (place / "paper.pdf").stat().st_size > 10_000
 
 
-@pytest.mark.page
+@pytest.mark.page("tuning")
 def test_what_the_page_on_tuning_says_of_its_results():
     """The default has the largest error and the tuned Kalman filter the smallest mean; the method without a range."""
     trials = load_results(followed(TUNING).place / "results" / "fair").trials
@@ -54,7 +53,7 @@ def test_what_the_page_on_tuning_says_of_its_results():
     assert trials.parameters["robust"] == "tuned (budget 16, 20 runs)"
 
 
-@pytest.mark.page
+@pytest.mark.page("tuning")
 def test_the_tuned_values_agree_with_the_trials():
     """Oracle: the mean of the metric over the runs of the experiment is the objective of the tuned value."""
     place = followed(TUNING).place / "results" / "fair"
@@ -89,7 +88,7 @@ def test_a_page_without_compared_output_has_fewer_runs(tmp_path, monkeypatch):
     assert [step.line for step in follow(page, tmp_path)] == ["rmpc-bench run a --runs 3"]
 
 
-@pytest.mark.page
+@pytest.mark.page("own-components")
 def test_few_commands_lead_to_an_own_estimator_on_an_own_plant():
     """`init`, `check --component` and `run` are the first three; every experiment has a figure."""
     place, steps = followed(OWN)
@@ -99,7 +98,7 @@ def test_few_commands_lead_to_an_own_estimator_on_an_own_plant():
         assert (place / "results" / name / "figures" / "boxplot.svg").exists()
 
 
-@pytest.mark.page
+@pytest.mark.page("own-components")
 def test_the_tests_of_the_page_on_own_components_pass():
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_filters.py"]
     done = subprocess.run(command, cwd=followed(OWN).place, capture_output=True, text=True, env=dict(os.environ))
@@ -113,7 +112,7 @@ def test_every_name_of_the_page_on_own_components_is_a_standard_name():
     assert {"y", "u_previous", "rng", "plant_info", "prepared"} <= names
 
 
-@pytest.mark.page
+@pytest.mark.page("constraints")
 def test_the_ranks_of_the_page_on_constraints():
     place, steps = followed(LIMITS)
     (shown,) = (step for step in steps if step.shown is not None)
@@ -121,7 +120,7 @@ def test_the_ranks_of_the_page_on_constraints():
     assert (place / "results" / "limited" / "figures" / "rows.svg").exists()
 
 
-@pytest.mark.page
+@pytest.mark.page("constraints")
 def test_an_output_disturbance_is_refused_in_the_words_of_the_page():
     override = "methods.input.model.disturbance.at=output"
     with pytest.raises(ConfigError) as caught:

@@ -27,7 +27,9 @@ IN_WORDS = {"plants": {"data", "fmu", "env"}, "inputs": {"file"}, "metrics": {"s
 EQUATIONS = {each: found for each in COMPONENTS if (found := equation_of(*each))}
 
 
-MARKED = [pytest.param(page, marks=[pytest.mark.page] * (page in FOLLOWED[1:]), id=page.stem) for page in PAGES]
+MARKED = [
+    pytest.param(page, marks=[pytest.mark.page(page.stem)] * (page in FOLLOWED[1:]), id=page.stem) for page in PAGES
+]
 
 
 @pytest.mark.parametrize("page", MARKED)

@@ -46,7 +46,7 @@ def steps(tmp_path_factory):
     return followed
 
 
-@pytest.mark.page
+@pytest.mark.page("libraries")
 @pytest.mark.parametrize("title", FOLLOWED)
 def test_every_command_works(steps, title):
     for step in steps(title)[1]:
@@ -54,7 +54,7 @@ def test_every_command_works(steps, title):
         assert "Traceback" not in step.err
 
 
-@pytest.mark.page
+@pytest.mark.page("libraries")
 def test_ten_commands_lead_to_a_comparison(steps):
     """With the installation they are at most ten, and all three methods have finished."""
     place, done = steps(FIRST)
@@ -68,7 +68,7 @@ def test_ten_commands_lead_to_a_comparison(steps):
     assert (place / "results" / "theirs" / "figures" / "boxplot.svg").is_file()
 
 
-@pytest.mark.page
+@pytest.mark.page("libraries")
 def test_the_screen_of_the_page(steps):
     """It is printed as it stands there; the time, and last digits, differ between machines."""
     step = next(step for step in steps(FIRST)[1] if step.shown is not None)

@@ -71,7 +71,7 @@ def test_columns_of_the_page(tree):
     assert heads[:3] == ["rank", "n/n_failed", f"ratio to {tree['statistics']['baseline']}"]
 
 
-@pytest.mark.page
+@pytest.mark.page("suite")
 @pytest.mark.slow
 def test_the_commands_of_the_page(tmp_path):
     """A file and a command: the new method has a rank."""

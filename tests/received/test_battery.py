@@ -1,6 +1,6 @@
 """Hostile archives, directories and configurations: nothing of them runs, and every command ends as is promised.
 
-`make test` runs every fifth case, as of all functions with many.  With `RMPC_BENCH_BATTERY=N` every N-th case is there,
+`make test` runs every tenth case, as of all functions with many.  With `RMPC_BENCH_BATTERY=N` every N-th case is there,
 and `RMPC_BENCH_BATTERY_SEED=N` draws other values and places of wrong types.
 """
 
