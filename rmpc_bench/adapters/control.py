@@ -232,7 +232,7 @@ def model(
         _refuse_other_order(found, plant)
         with blamed(KEY):
             keys = {**found.keys(KEY), "noise": noise, "at": at, "substeps": substeps}
-            return ode_model.design(Ts, plant, **keys, time_unit=time_unit)
+            return ode_model.design_ode(Ts, plant, **keys, time_unit=time_unit)
     if at is not None or substeps is not None:
         raise DesignError("has no effect on a linear system", "substeps" if at is None else "at")
     system = parametric_system(control, linear, parameters or {}, KEY)
