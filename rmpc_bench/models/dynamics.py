@@ -293,8 +293,8 @@ def dynamics_of(plant: Plant) -> Dynamics:
     now: Any = plant.system.at(0) if constant else plant.linear(dict(plant.nominal))
     if now is not None:
         sizes = {"x": len(now.A), "u": now.B.shape[1], "y": len(now.C)}
-        counted = (tuple(f"{letter}.{i}" for i in range(n)) for letter, n in sizes.items())
-        return LinearDynamics(now.A, now.B, now.C, plant.signals or Signals(*counted), plant.A_c, now.D)
+        x, u, y = (tuple(f"{letter}.{i}" for i in range(n)) for letter, n in sizes.items())
+        return LinearDynamics(now.A, now.B, now.C, plant.signals or Signals(x, u, y), plant.A_c, now.D)
     raise DesignError(
         "needs an ODE plant (`plant: {ode: FILE.py:NAME}`) or a plant with constant matrices; give the equations of "
         "the model by `model: {ode: FILE.py:NAME, ..}`"

@@ -22,11 +22,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from rmpc_bench.models.compiled_step import Step, compiled_step
 from rmpc_bench.models.dynamics import RTOL, Dynamics, OdeDynamics, OfPlant, dynamics_of, steps_of
 from rmpc_bench.models.flow import PlantFlow
 from rmpc_bench.models.linearised import LinearisedModel, linearised, relinearised
 from rmpc_bench.models.noise_sets import DesignNoise
-from rmpc_bench.models.ode_functions import Names, Step, compiled_step, is_fed, is_timed, names_of, refuse_shared
+from rmpc_bench.models.ode_functions import Names, is_fed, is_timed, names_of, refuse_shared
 from rmpc_bench.models.operating_point import At, find_point
 from rmpc_bench.numerics.jacobian import STEP, jacobian, sizes_of_coordinates
 from rmpc_bench.types import (

@@ -162,18 +162,20 @@ class RunProblems(NamedTuple):
         """Return the first inputs and the minimal costs."""
         from rmpc_bench.numerics.tracking_kernel import tracking_kernel
 
-        u, loss = np.empty((len(self.x), self.B.shape[2])), np.empty(len(self.x))
-        tracking_kernel(*map(as_compiled, self), u, loss)
+        A, B, f, C, Q_yw, R_u, w, x = map(as_compiled, self)
+        u, loss = np.empty((len(x), B.shape[2])), np.empty(len(x))
+        tracking_kernel(A, B, f, C, Q_yw, R_u, w, x, u, loss)
         return u, loss
 
     def paths(self) -> Path:
         """Return all inputs and the states that they lead to."""
         from rmpc_bench.numerics.tracking_kernel import path_kernel
 
-        n_runs, N, (nx, nu) = len(self.x), len(self.w), self.B.shape[1:]
+        A, B, f, C, Q_yw, R_u, w, x = map(as_compiled, self)
+        n_runs, N, (nx, nu) = len(x), len(w), B.shape[1:]
         laws = np.empty((n_runs, N, nu, nu + nx + 1))
         path = Path(np.empty((n_runs, N, nu)), np.empty((n_runs, N, nx)), np.empty(n_runs), laws)
-        path_kernel(*map(as_compiled, self), *path)
+        path_kernel(A, B, f, C, Q_yw, R_u, w, x, *path)
         return path
 
 
