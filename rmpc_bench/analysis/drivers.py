@@ -196,9 +196,9 @@ def _failure_row(trials: Trials, method: str, info: MetricInfo, found: Inputs) -
     worst = most_failures(found.values, failed, trials.confidence)
     if worst is None:
         return []
-    row = {"method": method, "metric": info.name, "response": FAILED, "quantity": worst.region.quantity, "unit": "%"}
-    row |= {"n": len(failed), "n_failed": int(failed.sum())}
-    return [_EMPTY | row | _region(worst, Response(method, SHARE, failed.astype(float)))]
+    names = {"method": method, "metric": info.name, "response": FAILED, "quantity": worst.region.quantity, "unit": "%"}
+    numbers = {"n": len(failed), "n_failed": int(failed.sum())}
+    return [_EMPTY | names | numbers | _region(worst, Response(method, SHARE, failed.astype(float)))]
 
 
 def _is_constant(column: Array) -> bool:

@@ -47,10 +47,11 @@ class ErrorRuns(NamedTuple):
     n_failed: int
     """Recorded runs that failed, which are left out."""
 
-    def squares(self) -> NormalisedSquares:
-        """Return the normalised squares of all runs, (runs, samples)."""
+    def squares(self) -> tuple[Array, Array]:
+        """Return the normalised squares of all runs and their degrees of freedom, (runs, samples)."""
         assert self.P is not None, "asked of methods with a covariance only"
-        return normalised_squares(self.e, self.P, self.size)
+        found = normalised_squares(self.e, self.P, self.size)
+        return found.values, found.freedom
 
     def variances(self) -> Array:
         """Return the reported variances of every run, (runs, samples, n)."""

@@ -146,16 +146,16 @@ class _Sample:
 
         In pairs they are adjusted over all common runs, with the terms that each experiment has.
         """
-        tables, names = (self.trials, self.other), self.plain
+        names = self.plain
         runs = [each.runs[each.both] for each in (self.a, self.b)]
-        runs = [np.intersect1d(*runs)] * 2 if self.paired else runs
+        runs = [np.intersect1d(runs[0], runs[1])] * 2 if self.paired else runs
         found = {name: (self.a.values_of(a, runs[0]), self.b.values_of(b, runs[1])) for name, (a, b) in names.items()}
         if self.trials.adjust == "none" or (self.paired and any(few_differ(*each) for each in names.values())):
             return found
-        adjustments = [table.adjustment for table in tables]
+        adjustments = [table.adjustment for table in (self.trials, self.other)]
         bases: list[Basis | None] = [None, None]
         if self.paired:
-            common = np.intersect1d(*(table.runs for table in tables))
+            common = np.intersect1d(self.trials.runs, self.other.runs)
             adjustments = [each.of_runs(common) for each in adjustments]
             bases = [each.basis(len(runs[0])) for each in adjustments]
             if bases == [None, None]:

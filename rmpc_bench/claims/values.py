@@ -150,7 +150,7 @@ class Spectrum(NamedTuple):
     @classmethod
     def of(cls, name: str, matrices: Array) -> Spectrum:
         """Decompose matrices (..., n, n), the last argument of a function."""
-        finite = np.isfinite(matrices).all(axis=(-2, -1))
+        finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
         values, directions = np.linalg.eigh(np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1])))
         size = np.abs(values).max(axis=-1, keepdims=True)
         if (values < -SINGULAR * size).any():
@@ -167,7 +167,7 @@ def excess(a: Value, b: Value) -> Value:
     """
     a, b = aligned(_symmetric("excess", a), _symmetric("excess", b))
     part = Spectrum.of("excess", b.array)
-    finite = np.isfinite(a.array).all(axis=(-2, -1))
+    finite = np.asarray(np.isfinite(a.array).all(axis=(-2, -1)))
     inner = np.where(finite[..., None, None], a.array, 0.0)
     inner = np.swapaxes(part.directions, -2, -1) @ inner @ part.directions
     null = ~part.kept

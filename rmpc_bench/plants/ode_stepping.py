@@ -216,7 +216,7 @@ def advance_runs(
     return states, found
 
 
-def rows_where(condition: Array) -> list[int]:
+def rows_where(condition: Any) -> list[int]:
     """Return the places of true entries."""
     return list(map(int, np.flatnonzero(condition)))
 
