@@ -16,7 +16,7 @@ stage                  module             result
 =====================  =================  =======================================================================
 
 A stage returns what it makes and changes nothing of the one before: the sections of a point are a frozen `DraftConfig`
-(draft.py), of which `replace` makes another.  What reads or builds a value raises a ConfigError; `DraftConfig.tried`
+(draft.py), of which `replace` makes another.  What reads or builds a value raises a ConfigError; `Problems.tried`
 collects it, so that one error hides no other.
 
 A key of a configuration is in the file of its name (claims, input, methods, noise, plant, plugins, report, statistics,

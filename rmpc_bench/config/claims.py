@@ -169,7 +169,6 @@ class _Checker:
         self.known = [*metrics, *COUNTS, *seen] if layout.is_complete or layout.arrays else []
         self.path: list[str | int] = ["claims", number]
         self.misplaced = False
-        self.n_errors = 0
 
     def claim(self, keys: ClaimKeys) -> Claim:
         check = (keys.check,) if isinstance(keys.check, str) else tuple(keys.check or ())
@@ -239,7 +238,6 @@ class _Checker:
         return any(term.quantity in of_runs for term in named)
 
     def _note(self, key: str, message: str) -> None:
-        self.n_errors += 1
         self.draft.note([*self.path, *key.split(".")], message)
 
     def _at(self, given: Any) -> tuple[dict[str, str], ...]:
@@ -272,7 +270,7 @@ class _Checker:
 
     def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], Node]) -> None:
         """Check that a text can be read, names what exists, and can be answered by some results."""
-        before = self.n_errors
+        before = len(self.draft.problems)
         try:
             tree = grammar(text)
         except ExpressionError as error:
@@ -294,7 +292,7 @@ class _Checker:
                 counts = [self._place(claim, term, {**at, **dict(term.point)}, key) for term in named]
                 if 0 not in counts and len(set(counts)) > 1:
                     self._note(key, "the terms are about different numbers of points")
-        if self.n_errors == before and self.results is not None and not self.misplaced:
+        if len(self.draft.problems) == before and self.results is not None and not self.misplaced:
             how: dict[str, Any] = {"pooled": claim.pooled, "short": self.smoke}
             found = [dry_run(tree, self.results, at, **how) for at in claim.at or ({},)]
             for message in dict.fromkeys(message for messages in found for message in messages):
@@ -351,7 +349,7 @@ def check_figures(draft: DraftConfig, layout: ResultLayout) -> None:
     for number, component in enumerate(draft.figures):
         if component is None:
             continue
-        figure: Figure | None = draft.tried(component.build)
+        figure: Figure | None = draft.problems.tried(component.build)
         if figure is None:
             continue
         for key, message in figure.check(layout) if layout.is_complete else figure.check_names(layout):

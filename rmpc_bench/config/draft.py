@@ -6,10 +6,10 @@ left out) is collected.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from annotated_types import Gt
@@ -28,9 +28,6 @@ from rmpc_bench.noise.bursts import Share
 from rmpc_bench.noise.gaussian import gaussian, outliers, student_t
 from rmpc_bench.types import Array, ConfigError, Noise, NonNegative, Problem
 from rmpc_bench.types.tuning import TunedParameter
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -286,16 +283,12 @@ class DraftConfig:
         """Add a problem at the value (or the key) of a path."""
         self.problems.append(problem_at(self.tree, path, message, key=key))
 
-    def tried(self, call: Callable[P, T], *given: P.args, **named: P.kwargs) -> T | None:
-        """Call a function; None where it raises a ConfigError, whose problems are added."""
-        return self.problems.tried(call, *given, **named)
-
     def checked(self, annotation: Any, path: Sequence[str | int]) -> Any:
         """Validate the value at a path; None where it is wrong."""
         value: Any = self.tree
         for step in path:
             value = value[step]
-        return self.tried(validate, annotation, value, path, mark=locate(self.tree, path))
+        return self.problems.tried(validate, annotation, value, path, mark=locate(self.tree, path))
 
     def component(
         self,
@@ -310,7 +303,7 @@ class DraftConfig:
         """Validate a component, by default with the place of its path; None where it has an error."""
         mark = locate(self.tree, path) if mark is None else mark
         named: dict[str, Any] = {"mark": mark, "kind": kind, "ignore": ignore, "access": self.access}
-        return self.tried(read_component, group, tree, path, **named)
+        return self.problems.tried(read_component, group, tree, path, **named)
 
     def components(self, group: str) -> list[Component | None]:
         """Validate a list whose entries are names or mappings with a `kind`."""

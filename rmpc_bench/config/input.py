@@ -54,7 +54,7 @@ def built_controller(
     places = _places(component, plant)
     if controller.code is not None:
         raise controller.error("a controller of your own returns all inputs; leave out `input`")
-    signal = draft.tried(component.build, nu=len(places), Ts=provided["Ts"], n_steps=provided["n_steps"])
+    signal = draft.problems.tried(component.build, nu=len(places), Ts=provided["Ts"], n_steps=provided["n_steps"])
     known, names = component.shared.get("known", True), PlantInfo.of(plant).inputs
     if known:
         # What the disturbance adds to x(k+1) is a mean of the process noise, which laws use as an estimated one.

@@ -72,7 +72,7 @@ def read_uncertainty(draft: DraftConfig) -> Uncertainty:
         _check_name(draft, name, path, taken)
         for number, each in enumerate(_names_of(section[name])):
             _check_name(draft, each, [*path, "of", number], taken)
-        law = draft.tried(_distribution, draft.tree, section[name], path)
+        law = draft.problems.tried(_distribution, draft.tree, section[name], path)
         if law is not None:
             laws[name] = law
     return Uncertainty(laws, _scale(draft, section[SCALE]) if SCALE in section else 1.0)
@@ -164,13 +164,13 @@ def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[NoiseTer
     if law == "none":
         return ()
     if not (isinstance(law, Map) and list(law) == ["sum"]):
-        one = draft.tried(_law, draft, law, path, ("none", "same", "sum"))
+        one = draft.problems.tried(_law, draft, law, path, ("none", "same", "sum"))
         return () if one is None else (one,)
     terms, path = law["sum"], [*path, "sum"]
     if not isinstance(terms, Items) or not terms:
         draft.note(path, f"must be a list of laws (got {shown(terms)})")
         return ()
-    found = [draft.tried(_term, draft, each, [*path, number]) for number, each in enumerate(terms)]
+    found = [draft.problems.tried(_term, draft, each, [*path, number]) for number, each in enumerate(terms)]
     return tuple(term for term in found if term is not None)
 
 
@@ -269,7 +269,7 @@ class NoiseLaws:
             if term.same is not None:
                 found += self._same(term.same, n, channel)
             elif term.law is not None:
-                found += self.draft.tried(self._built, term.law, n, channel, names) or []
+                found += self.draft.problems.tried(self._built, term.law, n, channel, names) or []
         return tuple(found)
 
     def _built(self, law: Component, n: int, channel: str, names: Sequence[str] | None) -> list[Noise]:

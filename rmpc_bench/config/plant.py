@@ -147,8 +147,8 @@ def read_changes(draft: DraftConfig) -> dict[str, ParameterChange]:
     """Read the parameters of the plant that `perturb` and `set` change."""
     found: dict[str, ParameterChange] = {}
     tree = draft.tree.get("plant")
-    for key in ("perturb", "set") if isinstance(tree, Map) else ():
-        entries = tree.get(key, {})
+    for key in ("perturb", "set"):
+        entries = tree.get(key, {}) if isinstance(tree, Map) else {}
         if not isinstance(entries, dict):
             draft.note(["plant", key], f"must be a mapping (got {shown(entries)})")
             continue
@@ -156,7 +156,7 @@ def read_changes(draft: DraftConfig) -> dict[str, ParameterChange]:
             path = ["plant", key, name]
             if name in found:
                 draft.note(path, "is already changed by perturb; give one of the two", key=True)
-            change = draft.tried(_change, draft.tree, path, text)
+            change = draft.problems.tried(_change, draft.tree, path, text)
             if change is not None:
                 found[name] = change
     return found

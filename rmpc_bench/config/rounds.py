@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from rmpc_bench.config.build import DesignCache, build
+from rmpc_bench.config.build import build
+from rmpc_bench.config.designs import DesignCache
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.experiment_config import ExperimentConfig, WantedSearch
 from rmpc_bench.config.identity import SweepPoint

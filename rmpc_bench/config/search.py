@@ -49,10 +49,10 @@ def with_values(draft: DraftConfig, own: Map, values: Mapping[str, float], mark:
 
 def read_components(draft: DraftConfig, name: str, own: Map) -> MethodComponents:
     """Read the components of a method as it is given, or with the values of a search."""
-    named = {key: _component(draft, name, own, key) for key in METHOD_COMPONENTS}
+    model, estimator, controller = (_component(draft, name, own, key) for key in METHOD_COMPONENTS)
     controlled = own.get("controller", draft.tree.get("controller")) is not None
     label = own.get("label")
-    return MethodComponents(None if label is None else str(label), **named, controlled=controlled)
+    return MethodComponents(None if label is None else str(label), model, estimator, controller, controlled)
 
 
 def _component(draft: DraftConfig, name: str, own: Map, key: str) -> Component | None:
@@ -76,7 +76,7 @@ def _component(draft: DraftConfig, name: str, own: Map, key: str) -> Component |
 
 def with_search(draft: DraftConfig, name: str, own: Map, components: MethodComponents) -> MethodComponents:
     """Read the key `tune` of a method; return its components with what is searched and the values that were chosen."""
-    search = draft.tried(_search, draft, name, own, components)
+    search = draft.problems.tried(_search, draft, name, own, components)
     if search is None:
         return components
     mark = locate_key(draft.tree, ["methods", name, "tune"])
@@ -151,7 +151,7 @@ def _checked_at(
     path: list[str | int] = ["methods", name, "tune"]
     values = {each.path: as_value(each, value) for each, value in zip(parameters, row, strict=True)}
     trial = replace(draft, problems=Problems())
-    given = trial.tried(with_values, draft, own, values, locate(draft.tree, path))
+    given = trial.problems.tried(with_values, draft, own, values, locate(draft.tree, path))
     found = None if given is None else read_components(trial, name, given)
     problems = Problems()
     for problem in trial.problems:

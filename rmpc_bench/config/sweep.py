@@ -22,18 +22,7 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config_file.inherit import FILE, PATH, compose, open_section
-from rmpc_bench.config_file.tree import (
-    Items,
-    Map,
-    Mark,
-    Problems,
-    assign,
-    locate,
-    locate_key,
-    plain,
-    problem_at,
-    split,
-)
+from rmpc_bench.config_file.tree import Items, Map, Mark, Problems, assign, locate, locate_key, plain, problem_at, split
 from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem

@@ -7,12 +7,13 @@ point or with too large a covariance, and unstable modes of the design model tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import pi
 from typing import Any
 
 import numpy as np
 
+from rmpc_bench.config.designs import MethodBuilder
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.plant import gap_warnings
 from rmpc_bench.config_file.component import Component
@@ -41,34 +42,26 @@ _SAME = 1e-9  # relative difference of covariances that count as the same
 Finding = tuple[list[str | int], str]  # a path of the configuration and a message
 
 
-def warnings_of(
-    draft: DraftConfig,
-    experiment: Experiment,
-    model: Callable[[Component | None], Any],
-    start: Callable[[Any], dict[str, Array] | None],
-) -> list[Problem]:
-    """Return what is probably not meant, each with its place and the way out; the draft has no errors.
-
-    `model` returns the design model of a component, `start` x0 and P0 for a design model.
-    """
+def warnings_of(draft: DraftConfig, experiment: Experiment, designs: MethodBuilder) -> list[Problem]:
+    """Return what is probably not meant, each with its place and the way out; the draft has no errors."""
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
-    found += [*_initial(draft, model), *gap_warnings(draft, experiment), *_without_noise(draft, model, experiment)]
-    found += _densities(draft, model, experiment.plant)
+    found += [*_initial(draft, designs), *gap_warnings(draft, experiment), *_without_noise(draft, designs, experiment)]
+    found += _densities(draft, designs, experiment.plant)
     for path, component in _models(draft).items():
-        made = model(component)
-        for message in _of_model(component, made, start(made), draft, experiment):
+        made = designs.undisturbed(component)
+        for message in _of_model(component, made, designs.start(made)["P0"], draft, experiment):
             found.append(([*path], message))
     return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
 
 
-def _densities(draft: DraftConfig, model: Callable[[Component | None], Any], plant: Plant) -> Iterator[Finding]:
+def _densities(draft: DraftConfig, designs: MethodBuilder, plant: Plant) -> Iterator[Finding]:
     """Say how far Ts Q_c is from the covariance over a sample, where no operating point gives that."""
     given: list[tuple[list[str | int], Any, Any]] = []
     for path, component in _models(draft).items():
-        noise, made = component.parameters.get("noise"), model(component)
+        noise, made = component.parameters.get("noise"), designs.undisturbed(component)
         if isinstance(noise, DesignNoise) and isinstance(noise.process, Density) and made.operating_point is None:
             given.append(([*path, "noise", "process"], getattr(made, "dynamics", None), noise.process.density))
-    if plant.ode is not None and (draft.model is None or model(draft.model).operating_point is None):
+    if plant.ode is not None and (draft.model is None or designs.undisturbed(draft.model).operating_point is None):
         laws = [term.law for term in draft.noise.of("process") if term.law is not None]
         given += [(["noise", "process"], OdeDynamics(plant.ode), law.parameters.get("density")) for law in laws]
     for where, dynamics, density in given:
@@ -90,12 +83,12 @@ def swept_noise(axes: Sequence[Sequence[str]], draft: DraftConfig) -> Iterator[P
             yield Problem(*locate(draft.tree, where), join(where), "P_w stays at every step; `density` follows it")
 
 
-def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> Iterator[Finding]:
+def _initial(draft: DraftConfig, designs: MethodBuilder) -> Iterator[Finding]:
     """Find an operating point beside an initial estimate that is not given, which then is 0."""
     if "x_hat" in draft.section("initial"):
         return
     for component in _models(draft).values():
-        x = model(component).x_op
+        x = designs.undisturbed(component).x_op
         if x.any():
             numbers = ", ".join(f"{value:.6g}" for value in x)
             message = f"has no `x_hat`, so that estimates start at 0; the operating point is x = {numbers}"
@@ -103,12 +96,10 @@ def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> It
             return
 
 
-def _without_noise(
-    draft: DraftConfig, model: Callable[[Component | None], Any], experiment: Experiment
-) -> Iterator[Finding]:
+def _without_noise(draft: DraftConfig, designs: MethodBuilder, experiment: Experiment) -> Iterator[Finding]:
     """Find laws that lose or delay measurements, and no noise, although a design model has measurement noise."""
     laws = experiment.scenario.measurement
-    covariances = (model(component).v_law[1] for component in _models(draft).values())
+    covariances = (designs.undisturbed(component).v_law[1] for component in _models(draft).values())
     if laws and all(isinstance(law, Missing | Delayed) for law in laws) and any(map(np.any, covariances)):
         kinds = ", ".join(term.law.kind for term in draft.noise.of("measurement") if term.law is not None)
         message = f"has only laws that change y ({kinds}); it adds no noise, although the design model has one"
@@ -203,9 +194,7 @@ def _models(draft: DraftConfig) -> dict[tuple[str | int, ...], Component]:
     return found
 
 
-def _of_model(
-    component: Component, model: Any, start: dict[str, Array] | None, draft: DraftConfig, experiment: Experiment
-) -> Iterator[str]:
+def _of_model(component: Component, model: Any, P0: Array, draft: DraftConfig, experiment: Experiment) -> Iterator[str]:
     names = [name for name, each in draft.methods.items() if each.model is component]
     methods = [method for method in experiment.methods if method.name in names]
     if any(method.estimator.gain_schedule is not None for method in methods):
@@ -213,8 +202,7 @@ def _of_model(
     if model.varies or not (model.has_sets or model.is_linear_model or component.kind in NOISE_KEYS):
         return
     now = model.at(0)
-    if start is not None:
-        yield from _digits(now, start["P0"])
+    yield from _digits(now, P0)
     yield from _scales(names, now.R_v, draft, experiment)
     unseen = _disconnected(now.A.T, now.C.T)
     if unseen is not None:

@@ -232,8 +232,8 @@ def read_methods(texts: Sequence[str], problems: Problems) -> Map:
     """Read methods from texts such as ``NAME: {estimator: {kind: kalman}}``, in which the values keep their places."""
     found = Map(mark=Mark(OPTION, 1, 1))
     for text in texts:
-        tree = problems.tried(_methods, text)
-        for name, method in ({} if tree is None else tree).items():
+        tree = problems.tried(_methods, text) or Map(mark=found.mark)
+        for name, method in tree.items():
             key_mark, mark = tree.places(name)
             if name in found:
                 problems.append(Problem(*key_mark, name, "is added twice"))

@@ -98,8 +98,7 @@ def prepare(
 
 def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> StoredExperiment:
     """Return what reports need of the experiment."""
-    draft, keys, statistics = settings.draft, settings.draft.keys, settings.draft.keys.statistics
-    assert statistics is not None
+    draft, keys, statistics = settings.draft, settings.draft.keys, settings.statistics
     names = [each.name for each in runs.infos]
     primary = statistics.primary or names[0]
     rows = [runs.point, runs.method, runs.run, runs.status, *runs.metrics.values(), *runs.parameters.values()]
@@ -147,7 +146,7 @@ def _point(settings: Settings, runs: Runs, number: int, key: str) -> StoredPoint
     return StoredPoint(
         coordinates=coordinates,
         title=", ".join(f"{path}={text}" for path, text in coordinates.items()),
-        seed=draft.keys.seed,
+        seed=draft.keys.seed or 0,
         Ts=0.0,
         nx=0,
         n_steps=1,

@@ -39,7 +39,7 @@ def read_runs(source: object, settings: Settings, options: Options) -> tuple[Tab
     settings.finish(runs.methods, runs.infos, runs.points)
     problems = [*reader.problems, *settings.draft.problems]
     if not problems:
-        statistics = settings.draft.keys.statistics
+        statistics = settings.statistics
         metric, baseline = statistics.primary or runs.infos[0].name, statistics.baseline or runs.methods[0]
         here = np.array(runs.methods, dtype=object)[runs.method], runs.run, runs.metrics[metric]
         first = pd.DataFrame(dict(zip(("method", "run", "value"), here, strict=True)))[runs.point == 0]

@@ -6,11 +6,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
+from rmpc_bench.config_file.tree import Problems
 from rmpc_bench.importing.settings import NAMED_ROLES, ROLES, Options, Settings
 from rmpc_bench.received.names import METRIC
 from rmpc_bench.received.run_table import Table
 from rmpc_bench.registry import unknown
-from rmpc_bench.types import Problem
 
 LAST = "--keep-last"
 """Role of the column that says which of several rows of a run counts."""
@@ -28,9 +28,9 @@ def is_text(settings: Settings, options: Options) -> Callable[[str], bool]:
     return lambda name: name in known or name.startswith("sweep:")
 
 
-def roles_of(table: Table, settings: Settings, options: Options, problems: list[Problem]) -> dict[str, str]:
+def roles_of(table: Table, settings: Settings, options: Options) -> dict[str, str]:
     """Return role -> column: roles that the options give, and those of columns that are named like a role."""
-    roles, header = dict[str, str](), [*table.frame]
+    roles, header, problems = dict[str, str](), [*table.frame], Problems()
     for role, name in [*options.columns.items(), *([(LAST, options.keep_last)] if options.keep_last else [])]:
         if name in header:
             roles[role] = name
@@ -59,6 +59,7 @@ def roles_of(table: Table, settings: Settings, options: Options, problems: list[
         free = [name for name in header if name not in roles.values() and table.is_text(name)]
         hint = f"; --columns method={free[0]}" if free else "; a table with a row per run needs --wide"
         problems.append(table.problem(f"no column 'method' ({_listed(table)}){hint}"))
+    problems.stop()
     return roles
 
 
@@ -67,11 +68,11 @@ def _listed(table: Table) -> str:
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
 
 
-def made_long(table: Table, roles: dict[str, str], settings: Settings, pattern: str, problems: list[Problem]) -> Table:
-    """Return a table with a row per run and method from one with a row per run; the roles get the new columns."""
+def made_long(table: Table, roles: Mapping[str, str], settings: Settings, pattern: str) -> tuple[Table, dict[str, str]]:
+    """Return a table with a row per run and method from one with a row per run, and the roles with its new columns."""
     import pandas as pd
 
-    columns = dict[str, dict[str, str]]()
+    columns, problems = dict[str, dict[str, str]](), Problems()
     for name in table.frame.columns.difference([*roles.values()], sort=False):
         readings = [*_readings(name, pattern, settings)]
         if len(readings) > 1:
@@ -88,9 +89,8 @@ def made_long(table: Table, roles: dict[str, str], settings: Settings, pattern: 
             name = next(name for name in table.frame if metric in (each.get(name) for each in columns.values()))
             way = f"if it is a parameter, --columns parameter:{name}={name}; else name the metrics with --metric"
             problems.append(table.problem(f"{name!r} would be {metric}, which {missing[0]} does not have: {way}", 1))
-    if problems:
-        return table
-    roles |= {"method": "\0method", "run": roles.get("run", "\0run")}
+    problems.stop()
+    roles = {**roles, "method": "\0method", "run": roles.get("run", "\0run")}
     roles |= {"status" if metric == "status" else f"metric:{metric}": metric for metric in metrics}
     rest = table.frame.drop(columns=[name for each in columns.values() for name in each])
     rest = rest if roles["run"] in rest else rest.assign(**{"\0run": range(len(rest))})
@@ -98,7 +98,7 @@ def made_long(table: Table, roles: dict[str, str], settings: Settings, pattern: 
         rest.assign(**table.frame[[*each]].rename(columns=each), **{"\0method": method})
         for method, each in columns.items()
     ]
-    return replace(table, frame=pd.concat(parts))
+    return replace(table, frame=pd.concat(parts)), roles
 
 
 def _readings(name: str, pattern: str, settings: Settings) -> Iterator[tuple[str, str]]:

@@ -57,11 +57,11 @@ class Reader:
 
     def __init__(self, table: Table, settings: Settings, options: Options) -> None:
         self.settings, self.options, self.problems = settings, options, list[Problem]()
-        self.roles = roles_of(table, settings, options, self.problems)
-        if options.wide and not self.problems:
-            table = made_long(table, self.roles, settings, options.wide, self.problems)
-        self.table = table
-        self._stop()
+        try:
+            roles = roles_of(table, settings, options)
+            self.table, self.roles = made_long(table, roles, settings, options.wide) if options.wide else (table, roles)
+        except ConfigError as error:
+            raise ConfigError([*error.problems, *settings.draft.problems]) from None
 
     def _stop(self, problem: str = "") -> None:
         """Raise all problems, where nothing more can be known."""

@@ -18,6 +18,7 @@ from rmpc_bench.config.claims import ClaimKeys, check_figures, read_claims
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.noise import read_uncertainty, uncertain_names
 from rmpc_bench.config.sections import SECTIONS
+from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config_file.mapping import canonical_text
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, plain
 from rmpc_bench.config_file.yaml import load, parse
@@ -150,6 +151,12 @@ class Settings:
         grid = {} if values["sweep"] is None else values["sweep"].grid
         # Swept path -> texts of its values, in their order.
         self.grid = {path: [*map(value_text, map(plain, values))] for path, values in grid.items()}
+
+    @property
+    def statistics(self) -> Statistics:
+        """The section `statistics` of settings without errors."""
+        assert self.draft.keys.statistics is not None
+        return self.draft.keys.statistics
 
     def refuse_pairs(self) -> None:
         """Refuse what only runs in pairs have."""

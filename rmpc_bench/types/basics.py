@@ -106,6 +106,11 @@ class Design:
         return ()
 
     @attribute
+    def deterministic(self) -> bool:
+        """Whether the same run gives the same numbers every time; otherwise equal methods share no trials."""
+        return True
+
+    @attribute
     def cost_per_step(self) -> float:
         """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
         return 0.0

@@ -38,11 +38,6 @@ class Controller(Design):
     """
 
     @attribute
-    def deterministic(self) -> bool:
-        """Whether the same run gives the same numbers every time; otherwise equal methods share no trials."""
-        return True
-
-    @attribute
     def starts_runs(self) -> bool:
         """Whether `init` takes the runs of the block, as ``init(n_runs, runs=RunInfo(...))``."""
         return False

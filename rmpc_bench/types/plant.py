@@ -139,11 +139,6 @@ class Plant(Design):
         return {}
 
     @attribute
-    def deterministic(self) -> bool:
-        """Whether the same run gives the same numbers every time; otherwise equal methods share no trials."""
-        return True
-
-    @attribute
     def starts_runs(self) -> bool:
         """Whether `start` is called before the first sample of every block and method."""
         return False

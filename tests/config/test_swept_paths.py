@@ -10,7 +10,8 @@ from missing_libraries import skip_without_libraries
 
 from rmpc_bench import load_config
 from rmpc_bench.components.consent import CodeAccess
-from rmpc_bench.config.build import DesignCache, build
+from rmpc_bench.config.build import build
+from rmpc_bench.config.designs import DesignCache
 from rmpc_bench.config.own_code import FirstCalls, OwnCode
 from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.sweep import (
