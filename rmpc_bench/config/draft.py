@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -259,7 +260,7 @@ class DraftConfig:
         """The laws of the noise and of the initial state; None for that of the design model."""
         return [term.law for terms in (*self.noise.channels.values(), self.initial.laws) for term in terms]
 
-    @property
+    @cached_property
     def with_controller(self) -> list[str]:
         """Names of the methods that have a controller of their own."""
         own = self.keys.methods or {}

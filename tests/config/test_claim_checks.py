@@ -1,12 +1,13 @@
 """Claims of a sweep, before anything has run: what they are made at, and what is wrong with them."""
 
-from types import SimpleNamespace
-
 import pytest
 from small_experiment import KEYS, write
 
 from rmpc_bench import load_config
 from rmpc_bench.config.claims import ClaimKeys, read_claims
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.sections import Keys
+from rmpc_bench.config_file.tree import Map, Mark
 from rmpc_bench.types import ConfigError, ResultLayout
 
 HP, C = "controller.Hp", "methods.R-MPC.estimator.c"
@@ -164,14 +165,8 @@ def messages():
     """Return a function that gives the errors of one check, for an experiment with the series of a layout."""
 
     def errors(check, series=(), metrics=("mse",), points=(), pooled=False, arrays=None, end=1.0, evaluate=("runs",)):
-        found = []
-        draft = SimpleNamespace(
-            claims=[ClaimKeys(says="s", check=check, at="all" if pooled else None)],
-            methods=["A", "B"],
-            figures=[],
-            values={"evaluate": evaluate},
-            note=lambda path, message: found.append((path, message)),
-        )
+        claims = [ClaimKeys(says="s", check=check, at="all" if pooled else None)]
+        draft = DraftConfig(Map(mark=Mark("", 1, 1)), keys=Keys(evaluate=evaluate), claims=claims)
         coordinates, trials = [{"plant.from": name} for name in points], [{"A": name, "B": name} for name in points]
         if arrays is not None and not points:
             coordinates, trials = [{}], [{"A": "a", "B": "b"}]
@@ -179,6 +174,7 @@ def messages():
             name: (2, 2) for own in (arrays or {}).values() for name in own
         }
         layout = ResultLayout(
+            methods=("A", "B"),
             metrics=metrics,
             points=tuple(coordinates),
             trials=tuple(trials),
@@ -188,8 +184,8 @@ def messages():
             arrays=arrays or {},
         )
         read_claims(draft, layout)
-        assert all(path == ["claims", 0, "check"] for path, _ in found)
-        return [message for _, message in found]
+        assert all(each.path == "claims.0.check" for each in draft.problems)
+        return [each.message for each in draft.problems]
 
     return errors
 
