@@ -184,7 +184,7 @@ def _comparison(found: Replay, until: int | None) -> list[str]:
 def _export(found: Replay, file: Path) -> None:
     frame = found.to_frame()
     if file.suffix.lower() == ".csv":
-        from rmpc_bench.report.csv_file import write_csv
+        from rmpc_bench.report.point_tables import write_csv
 
         write_csv(dict(frame.items()), file)
     else:

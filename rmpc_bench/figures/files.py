@@ -282,16 +282,10 @@ def _drawn(figure: MplFigure) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FigureResult:
-    """A drawn figure.
+    """A drawn figure."""
 
-    Parameters
-    ----------
-    figure : the matplotlib figure, which may be adjusted
-    rendering : font and style
-    """
-
-    figure: MplFigure
-    rendering: Rendering = field(default_factory=Rendering)
+    figure: MplFigure  # the figure of matplotlib, which may be adjusted
+    rendering: Rendering = field(default_factory=Rendering)  # font and style
 
     def __repr__(self) -> str:
         return f"<FigureResult: {len(self.figure.axes)} panels>"

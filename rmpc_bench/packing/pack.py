@@ -30,7 +30,7 @@ from rmpc_bench.packing.metadata import CITATION, Contents, citation, crate
 from rmpc_bench.publishing.publish import choose
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes, write_archive
 from rmpc_bench.received.consent import VERIFIED
-from rmpc_bench.report.csv_file import summary_table, trials_csv, write_csv
+from rmpc_bench.report.point_tables import summary_table, trials_csv, write_csv
 from rmpc_bench.results import manifest
 from rmpc_bench.results.evaluate import summarise
 from rmpc_bench.results.results import Results, read_results

@@ -38,7 +38,7 @@ from rmpc_bench.publishing.table_files import write_tables_of_rows
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.received.plain_files import checked
-from rmpc_bench.report.csv_file import trials_csv
+from rmpc_bench.report.point_tables import trials_csv
 from rmpc_bench.results import manifest
 from rmpc_bench.results.results import Results
 from rmpc_bench.results.tables import with_timings

@@ -20,11 +20,10 @@ from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.figures.style import own_words
 from rmpc_bench.replaced_file import folder, replace_text, replaced
 from rmpc_bench.report.calibration_table import CALIBRATION, CalibrationTable, calibration_table
-from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
 from rmpc_bench.report.latex import WIDTH
 from rmpc_bench.report.latex_text import printed_latex
 from rmpc_bench.report.notes import latex_tables
-from rmpc_bench.report.point_tables import FrameTable
+from rmpc_bench.report.point_tables import FrameTable, comparisons_table, summary_table, trials_csv, write_csv
 from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.source import Evaluation

@@ -13,7 +13,7 @@ import rmpc_bench
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.claims.record import claims_table
 from rmpc_bench.received.store import MissingError
-from rmpc_bench.report.csv_file import trials_csv
+from rmpc_bench.report.point_tables import trials_csv
 from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.run_tables import lost_table, tail_columns
 from rmpc_bench.results.evaluate import drivers, requirements

@@ -12,9 +12,9 @@ from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.statistics import SUMMARY, summary
 from rmpc_bench.report.columns import COLUMNS, TableColumn
-from rmpc_bench.report.csv_file import summary_table
 from rmpc_bench.report.notes import latex_tables
 from rmpc_bench.report.page.rows import rows_of
+from rmpc_bench.report.point_tables import summary_table
 from rmpc_bench.report.screen_tables import row_lines
 from rmpc_bench.report.summary import summarise, summary_markdown
 from rmpc_bench.types.result_layout import Column

@@ -11,8 +11,8 @@ from data_frames import arrays
 from rmpc_bench.analysis.columns import columns_of
 from rmpc_bench.analysis.comparison import COLUMNS, comparisons
 from rmpc_bench.analysis.statistics import SUMMARY, summary
-from rmpc_bench.report import csv_file
-from rmpc_bench.report.csv_file import comparisons_table, csv_lines, summary_table, trials_csv, write_csv
+from rmpc_bench.report import point_tables
+from rmpc_bench.report.point_tables import comparisons_table, csv_lines, summary_table, trials_csv, write_csv
 from rmpc_bench.types import MetricInfo
 
 RNG = np.random.default_rng(2)
@@ -37,7 +37,7 @@ def test_bytes_of_pandas(name, tmp_path, monkeypatch):
     """Oracle: `DataFrame.to_csv`, also where blocks of rows end."""
     frame = FRAMES[name]
     for rows in (2, 20_000):
-        monkeypatch.setattr(csv_file, "ROWS", rows)
+        monkeypatch.setattr(point_tables, "ROWS", rows)
         write_csv(arrays(frame), tmp_path / "a.csv")
         expected = frame.to_csv(index=False, lineterminator="\n").encode()
         assert (tmp_path / "a.csv").read_bytes() == expected

@@ -7,7 +7,7 @@ import pytest
 from data_frames import arrays, comparison_frame, summary_frame
 
 from rmpc_bench import summarise
-from rmpc_bench.report.csv_file import trials_csv
+from rmpc_bench.report.point_tables import trials_csv
 from rmpc_bench.report.summary import summary_markdown
 
 

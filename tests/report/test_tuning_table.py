@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from tuned_searches import constant, search, tuning
 
-from rmpc_bench.report.csv_file import csv_lines
+from rmpc_bench.report.point_tables import csv_lines
 from rmpc_bench.report.run_notes import percent
 from rmpc_bench.report.tuning_table import MOST_POINTS, TuningTable
 from rmpc_bench.types.tuning import TunedParameter
