@@ -12,7 +12,7 @@ import click
 
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, shared_options
-from rmpc_bench.cli.shared_options import PICTURES, TypedPath
+from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.cli.streams import echo_folded
 from rmpc_bench.config_file.known_files import SUFFIX, files_of, known_configs, located, short_names
 from rmpc_bench.extras import need
@@ -29,7 +29,7 @@ NEAR = 0.7  # similarity from which on GROUP/NAME is treated as a misspelt confi
 
 @click.command()
 @click.argument("name", metavar="[GROUP/]NAME|[GROUP/]FILE.py:NAME|CONFIG")
-@click.option("--plot", type=TypedPath(PICTURES), metavar="FILE", help="Also draw the plant (.svg .png .pdf).")
+@click.option("--plot", type=TypedPath(), metavar="FILE", help="Also draw the plant (.svg .png .pdf).")
 @shared_options.allow_code
 @shared_options.import_first
 @exits.guarded
@@ -117,8 +117,11 @@ def _aligned(facts: Sequence[tuple[str, str]]) -> list[str]:
 def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:
     """Draw the panels of a plant into a file."""
     from rmpc_bench.figures.component_plot import draw_component
-    from rmpc_bench.figures.files import save_as
+    from rmpc_bench.figures.files import FORMATS, save_as
 
+    if file.suffix.lower() not in FORMATS:
+        endings = ", ".join(FORMATS)
+        raise click.BadParameter(f"{file}: the ending must be one of {endings}", param_hint="'--plot'")
     if not drawn:
         having = [f"plants/{kind}" for kind in registry.names("plants") if _panels("plants", kind)]
         known = ", ".join(having) or "no component"

@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 
-PICTURES = (".svg", ".png", ".pdf")  # endings of files of a picture
 imported: list[str] = []  # modules that `--import` has imported, which a process of its own imports too
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
-from rmpc_bench.cli.shared_options import PICTURES, TypedPath
+from rmpc_bench.cli.shared_options import TypedPath
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.replay import Replay
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 INDEX = re.compile("[0-9]{1,18}")
 SHOWN = 10  # samples of a trace on the screen, the last ones
 EXPORTS = (".csv", ".npz", ".mat")
+PICTURES = (".svg", ".png", ".pdf")
 
 
 @click.command()
