@@ -239,9 +239,8 @@ class Loop:
         """Return y(k) without noise, y(k) as it is measured and arrives, and what the estimator gets."""
         acting, delta = self.fed.at(k, len(self.x)), self.draws.delta
         y_true = np.array(self._moving.output(k, delta, self.x, self._no_noise, *acting))
-        y = y_true + self._v[:, k]
-        if not self._plant.mixes_noise:
-            y = np.array(self._moving.output(k, delta, self.x, self._v[:, k], *acting))
+        v, mixes = self._v[:, k], self._plant.mixes_noise
+        y = y_true + v if mixes else np.array(self._moving.output(k, delta, self.x, v, *acting))
         y, given = self._arrivals.at(k, self.draws.altered(k, y))
         self.status = self._runs.with_reported(self.status)
         return y_true, y, given
