@@ -35,7 +35,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -123,7 +123,7 @@ def design(
     # X below 0 says that there is no bound of the state.
     kept = np.array([[root_of(each), X[k] if k < len(X) else -np.ones_like(P0)] for k, each in enumerate(P)])
     recursion = RunByRun(partial(_of_one_run, systems, rules))
-    others = {"extra": extra, "remarks": remarks, "uncertainty_scale": design_scale, "P_is": "bound"}
+    others: dict[str, Any] = {"extra": extra, "remarks": remarks, "uncertainty_scale": design_scale, "P_is": "bound"}
     return schedule_of(nominal, x0, K, P, F=Phi, root=kept, recursion=recursion, **others)
 
 

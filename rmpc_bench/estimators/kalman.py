@@ -201,5 +201,5 @@ def stationary_filter(
         raise singular_innovation(0) from None
     S = symmetrise(now.C @ P_pred @ now.C.T + now.R_v)
     P, L = (P_pred, None) if form == "predictor" else (step.P, [step.L])
-    others = {"sets": stochastic_sets(model), "S": S[None], "root": root_of(P_pred)[None]}
+    others: dict[str, Any] = {"sets": stochastic_sets(model), "S": S[None], "root": root_of(P_pred)[None]}
     return schedule_of([now], x0, [K], [P], L=L, recursion=RiccatiRecursion([now], corrects=form == "filter"), **others)

@@ -30,7 +30,7 @@ from rmpc_bench.received.plain_files import PROGRESS, DamagedError, json_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.results.running import RunningMean, mean_of
 from rmpc_bench.store.store import Store
-from rmpc_bench.types import Array, Status
+from rmpc_bench.types import STATUS_WORDS, Array, Status
 
 FILE = "progress.json"
 EVERY = 2.0
@@ -205,7 +205,7 @@ class ProgressFile(Following):
 
     def _add(self, column: Column, status: Int8[Array, " runs"], values: Array) -> None:
         codes, counts = np.unique(status, return_counts=True)
-        words = {Status(int(code)).word: int(n) for code, n in zip(codes, counts, strict=True) if code != Status.OK}
+        words = {STATUS_WORDS[int(code)]: int(n) for code, n in zip(codes, counts, strict=True) if code != Status.OK}
         self._failed.update(words)
         before = self._means.get((column.point, column.method), RunningMean())
         self._means[column.point, column.method] = before.joined(mean_of(values))

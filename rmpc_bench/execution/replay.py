@@ -30,6 +30,7 @@ from rmpc_bench.simulation.state_range import OK
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import (
+    STATUS_WORDS,
     Array,
     DesignError,
     InvalidReturnValue,
@@ -287,9 +288,9 @@ def _simulated(point: SweepPoint, name: str, run: int, until: int | None = None,
         record, status = simulate(plant, method, draws, r, experiment.n_steps, with_P=True, with_M=True, **keywords)
     except (PassedOn, Exception) as caught:
         error = caught.error if isinstance(caught, PassedOn) else caught
-        failure, empty = failure_of(error, experiment, run), np.zeros((0, 1))
+        ended, empty = failure_of(error, experiment, run), np.zeros((0, 1))
         signals = dict.fromkeys((*SIGNALS, COVARIANCE), empty)
-        return replayed(status=Status(failure.status).word, failure=failure, signals=signals, metrics={}, error=error)
+        return replayed(status=STATUS_WORDS[ended.status], failure=ended, signals=signals, metrics={}, error=error)
     whole = until is None
     code, metrics = _evaluated(experiment, record, status, start) if whole else (int(status[0]), {})
     failure = start.journal.failures.get(run)
@@ -297,8 +298,8 @@ def _simulated(point: SweepPoint, name: str, run: int, until: int | None = None,
     if status[0] != OK and (failure is None or failure.k is None):
         last = last_new_sample(record.x[0, : n_steps + 1])
     signals = _signals(plant, record, last)
-    steps = {Status(step).word: n for (_, step), n in sorted(start.journal.failed_steps.items())}
-    return replayed(status=Status(code).word, failure=failure, signals=signals, metrics=metrics, failed_steps=steps)
+    steps = {STATUS_WORDS[step]: n for (_, step), n in sorted(start.journal.failed_steps.items())}
+    return replayed(status=STATUS_WORDS[code], failure=failure, signals=signals, metrics=metrics, failed_steps=steps)
 
 
 def _signals(plant: Plant, record: Record, last: int) -> dict[str, Array]:

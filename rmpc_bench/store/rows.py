@@ -17,7 +17,7 @@ from rmpc_bench.received.plain_files import STORED, checked
 from rmpc_bench.simulation.ensemble import SIZE, Group, gathered, start_of_group
 from rmpc_bench.store.columns import ranges
 from rmpc_bench.store.file import StoreFile
-from rmpc_bench.types import Array, Journal, RunFailure, Status
+from rmpc_bench.types import STATUS_WORDS, Array, Journal, RunFailure
 from rmpc_bench.types.texts import visible
 
 WIDTH = 0.01
@@ -109,7 +109,7 @@ def read_failed_steps(file: StoreFile, method: int, n_runs: int) -> dict[int, di
     found: dict[int, dict[str, int]] = {}
     query = "SELECT run, status, n FROM failed_steps WHERE method = ? AND run < ? ORDER BY run, status"
     for run, status, n in file.read(query, (method, n_runs)) if file.has_table("failed_steps") else ():
-        found.setdefault(run, {})[Status(status).word] = n
+        found.setdefault(run, {})[STATUS_WORDS[status]] = n
     return found
 
 

@@ -37,7 +37,7 @@ from rmpc_bench.store.rows import (
     write_groups,
     write_journal,
 )
-from rmpc_bench.types import Array, RunFailure, Status
+from rmpc_bench.types import STATUS_WORDS, Array, RunFailure, Status
 from rmpc_bench.types.texts import visible
 
 _NOTHING = Recording()
@@ -45,7 +45,7 @@ _MAYBE_WITHOUT_TRACES = [int(Status.CRASHED), int(Status.TIMEOUT)]
 """Statuses of runs that may have no trajectories, because their block was not simulated to its end."""
 MOST_SETTINGS = 5
 """Differing settings that are named where a directory is refused."""
-WORDS = np.array([status.word for status in sorted(Status)], dtype=object)
+WORDS = np.array(list(STATUS_WORDS.values()), dtype=object)
 """Word of every status, at its number."""
 
 

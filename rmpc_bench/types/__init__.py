@@ -56,6 +56,7 @@ from rmpc_bench.types.ode import Ode, Parameters
 from rmpc_bench.types.plant import Line, Panel, Plant, PlantInfo, RecordedRuns, SignalLimits
 from rmpc_bench.types.records import (
     DISTURBANCES,
+    STATUS_WORDS,
     Channel,
     Command,
     CompiledFilter,
@@ -86,6 +87,7 @@ from rmpc_bench.types.signals import NamedSignals, Signals
 __all__ = [
     "Ahead",
     "DISTURBANCES",
+    "STATUS_WORDS",
     "NO_WATCH",
     "Array",
     "Bound",

@@ -63,6 +63,8 @@ class Status(Explained):
     CRASHED = 9, "a component raised an exception, returned an invalid value or ended its process"
 
 
+STATUS_WORDS = {int(status): status.word for status in Status}
+"""Word of every status, at its number."""
 Statuses: TypeAlias = Int8[Array, " runs"]
 
 
