@@ -263,6 +263,13 @@ class Values(NamedTuple):
         return middle + factor * (low - middle), middle + factor * (high - middle)
 
 
+def _column(name: str, a: Array, b: Array) -> Array:
+    """Return the numbers of pairs that an average or a part of it is computed from."""
+    if name == "geometric":
+        return np.where(a == b, 0.0, np.log(a) - np.log(b))
+    return {"s": np.ones(len(a)), "a": a, "b": b}[name] if name != "difference" else a - b
+
+
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def leave_one_out(basis: Basis, averages: Collection[str], a: Array, b: Array) -> dict[str, Array]:
     """Return average -> values V over all drawn runs; one whose adjusted means are not positive is left out.
@@ -270,25 +277,26 @@ def leave_one_out(basis: Basis, averages: Collection[str], a: Array, b: Array) -
     `a` and `b` are the (n,) values of the two methods over these runs, NaN where one of the two failed or has none.
     """
     n, both = len(a), ~(np.isnan(a) | np.isnan(b))
-    a, b = np.where(both, a, 1.0), np.where(both, b, 1.0)
-    columns = {"s": both.astype(float), "difference": a - b}
-    columns["geometric"] = np.where(a == b, 0.0, np.log(a) - np.log(b))
-    columns |= {"a": a, "b": b}
     names = ["s", *(name for name in averages if name != "mean"), *(("a", "b") if "mean" in averages else ())]
-    z = np.column_stack([columns[name] for name in names])
-    z[~both] = 0.0
+    z = np.zeros((n, len(names)))
+    for place, name in enumerate(names):
+        z[both, place] = _column(name, a[both], b[both])
+    size = dict(zip(names, np.abs(z).max(axis=0).tolist(), strict=True)) | {"mean": 1.0}
     # With the estimate of all runs in the last row.
     alpha = dict(zip(names, basis.intercepts(z).T, strict=True))
+    del z
     alpha["s"] = np.ones(n + 1) if both.all() else alpha["s"]
     found = {}
     for name in averages:
         parts = [alpha[each] for each in (("s", "a", "b") if name == "mean" else ("s",))]
         theta = np.log(alpha["a"] / alpha["b"]) if name == "mean" else alpha[name] / alpha["s"]
         if min(each.min() for each in parts) > 0 and np.isfinite(theta).all():
-            gaps = (n - 1) * (theta[:n].mean() - theta[:n])
-            # Rounding is no spread: the draws then explain every difference.
-            size = 1.0 if name == "mean" else float(np.abs(columns[name]).max())
-            found[name] = theta[n] + (gaps if np.abs(gaps).max() > NEGLIGIBLE * size else 0.0 * gaps)
+            gaps = theta[:n].mean() - theta[:n]
+            gaps *= n - 1
+            if np.abs(gaps).max() <= NEGLIGIBLE * size[name]:
+                gaps[:] = 0.0  # rounding is no spread: the draws then explain every difference
+            gaps += theta[n]
+            found[name] = gaps
     return found
 
 
@@ -344,9 +352,11 @@ class Adjustment:
         basis = basis or self.basis(n_pairs)
         if basis is None or not averages:
             return {}
-        values, places = np.full((2, len(self.runs)), np.nan), np.searchsorted(self.runs, runs)
-        values[:, places] = a, b
-        made = leave_one_out(basis, averages, *values)
+        if len(runs) < len(self.runs):
+            values = np.full((2, len(self.runs)), np.nan)
+            values[:, np.searchsorted(self.runs, runs)] = a, b
+            a, b = values
+        made = leave_one_out(basis, averages, a, b)
         return {name: Values(V, self.runs, n_pairs - basis.p, basis) for name, V in made.items()}
 
 

@@ -31,12 +31,19 @@ def rows_at(columns: Columns, chosen: Array) -> dict[str, Array]:
 def with_point(columns: Columns, point: Mapping[str, str]) -> dict[str, Any]:
     """Put columns of one text each, such as those of a point of a sweep, in front of a table of arrays."""
     n = n_rows(columns)
-    return {path: np.full(n, value, dtype=object) for path, value in point.items()} | dict(columns)
+    return {path: one_text(value, n) for path, value in point.items()} | dict(columns)
+
+
+def one_text(text: str, n: int) -> Array:
+    """Return a column with one text in n rows, which is in memory once; `np.full` makes a text per row."""
+    return np.repeat(np.array([text], dtype=object), n)
 
 
 def stacked(tables: Sequence[Columns]) -> dict[str, Array]:
     """Put the tables that have rows below each other; a column that one of them lacks is NaN there."""
     tables = [table for table in tables if n_rows(table)] or tables[:1]
+    if len(tables) == 1:
+        return dict(tables[0])
 
     def cells(table: Columns, name: str) -> Array:
         return table[name] if name in table else np.full(n_rows(table), np.nan)

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -241,15 +241,22 @@ def _standard_errors(A: Array, y: Array, value: Array, kept: Sequence[Sequence[i
     """(responses, quantities + 1) standard errors of shares, from the influence of every run on them."""
     # The residuals are those of the best fit, so that a small change of its coefficients changes no share.
     n, n_columns = A.shape
-    whole = _squared_residuals(A, y) * (n / (n - n_columns))
-    influence = [_squared_residuals(A[:, columns], y) * (n / (n - len(columns))) - whole for columns in kept]
+    gram, moments, squares = A.T @ A, A.T @ y, y**2
+
+    def residuals(columns: Sequence[int]) -> Array:
+        beta = np.zeros_like(moments)
+        beta[columns] = _solve(gram[np.ix_(columns, columns)][None], moments[columns][None])[0]
+        found = A @ beta
+        found -= y
+        found *= found
+        found *= n / (n - len(columns))
+        return found
+
+    whole = residuals(range(n_columns))
+    influences = chain((residuals(columns) - whole for columns in kept), [whole])
     # The variance of y is 1, and so is the mean of y^2.
-    each = np.stack([*influence, whole], axis=2) - value * (y**2)[:, :, None]
-    return np.asarray(each.std(axis=0, ddof=1) / np.sqrt(n))
-
-
-def _squared_residuals(A: Array, y: Array) -> Array:
-    return np.asarray((y - A @ _solve((A.T @ A)[None], (A.T @ y)[None])[0]) ** 2)
+    spreads = [(each - value[:, i] * squares).std(axis=0, ddof=1) for i, each in enumerate(influences)]
+    return np.stack(spreads, axis=1) / np.sqrt(n)
 
 
 PARTS = 5

@@ -267,8 +267,9 @@ class Trials(ComparisonKeys):
     def _rows(self) -> dict[str, tuple[Array, Array, Array]]:
         """Per method the positions of its rows in the table and in `runs`, and which of them ended well."""
         names, runs, ok = self.columns["method"], self.columns["run"], self.columns["status"] == Status.OK.word
-        rows = {name: np.flatnonzero(names == name) for name in self.methods}
-        return {name: (found, np.searchsorted(self.runs, runs[found]), ok[found]) for name, found in rows.items()}
+        rows = {name: np.flatnonzero(names == name).astype(np.int32) for name in self.methods}
+        places = {name: np.searchsorted(self.runs, runs[found]).astype(np.int32) for name, found in rows.items()}
+        return {name: (found, places[name], ok[found]) for name, found in rows.items()}
 
     @cached_property
     def _complete(self) -> dict[str, slice]:
@@ -279,20 +280,15 @@ class Trials(ComparisonKeys):
                 found[name] = slice(int(rows[0]), int(rows[-1]) + 1)
         return found
 
-    @cached_property
-    def _finished(self) -> Array:
-        """Rows of the runs that ended well."""
-        return np.concatenate([np.empty(0, dtype=np.int64), *(rows[ok] for rows, _, ok in self._rows.values())])
-
     def has_negative(self, metric: str) -> bool:
         """Whether a metric is negative in a run that ended well."""
-        return bool((self.columns[metric][self._finished] < 0).any())
+        return any((self.column(metric, name) < 0).any() for name in self.methods)
 
     def with_numbers(self, **changes: Any) -> Trials:
         """Return the same trials with other metrics, or other values of them; methods, runs and statuses stay."""
         made = replace(self, **changes)
         # Which row belongs to which run is found once: millions of texts are compared for it.
-        for name in {"runs", "_rows", "_complete", "_finished", "adjustment"} & set(self.__dict__):
+        for name in {"runs", "_rows", "_complete", "adjustment"} & set(self.__dict__):
             made.__dict__[name] = self.__dict__[name]
         return made
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.analysis.columns import Columns, Series, n_rows, stacked, with_point
+from rmpc_bench.analysis.columns import Columns, Series, n_rows, one_text, stacked, with_point
 from rmpc_bench.analysis.levels import look_of, number_of_look
 from rmpc_bench.analysis.runs import RunNotes, common_runs
 from rmpc_bench.analysis.traces import COVARIANCE, RunGroups, Traces
@@ -119,7 +119,7 @@ class StoredTables:
         key = point.methods[name].key
         runs, status = self._store.statuses(key, self._n_runs)
         columns = {metric: self._store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
-        return {"method": np.full(len(runs), name, dtype=object), "run": runs, "status": WORDS[status], **columns}
+        return {"method": one_text(name, len(runs)), "run": runs, "status": WORDS[status], **columns}
 
     def _notes(self, point: StoredPoint, methods: Sequence[str]) -> dict[str, RunNotes]:
         """Read what happened in the runs of every method besides their numbers."""
