@@ -17,7 +17,6 @@ import numpy as np
 
 from rmpc_bench.config.load import load_config
 from rmpc_bench.extras import library
-from rmpc_bench.models import nonlinear as ode_model
 from rmpc_bench.models.library_systems import (
     Equation,
     Realisation,
@@ -31,6 +30,7 @@ from rmpc_bench.models.library_systems import (
     usable_names,
 )
 from rmpc_bench.models.noise_sets import DesignNoise
+from rmpc_bench.models.nonlinear import design_ode
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.plants import ode as ode_plant
 from rmpc_bench.plants.linear import linear_plant
@@ -232,7 +232,7 @@ def model(
         _refuse_other_order(found, plant)
         with blamed(KEY):
             keys = {**found.keys(KEY), "noise": noise, "at": at, "substeps": substeps}
-            return ode_model.design_ode(Ts, plant, **keys, time_unit=time_unit)
+            return design_ode(Ts, plant, **keys, time_unit=time_unit)
     if at is not None or substeps is not None:
         raise DesignError("has no effect on a linear system", "substeps" if at is None else "at")
     system = parametric_system(control, linear, parameters or {}, KEY)

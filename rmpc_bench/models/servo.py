@@ -149,8 +149,6 @@ def design(Ts: float, *, noise: ServoNoise, **parameters: float) -> LinearModel:
 # With inductance L > 0 and dry friction, as in plants/servo.py, the state is [th_l, w_l, th_m, w_m, I].
 # The equations of motion are written as the compiled kernel takes them.
 
-TOLERANCE = 1e-15
-"""Last terms of a Taylor series relative to its largest term: rounding, for a third more time than with 1e-9."""
 MOST_RATE = 20_000.0
 """Largest |eigenvalue| Ts of the linear part: about 5000 Taylor series, 10 ms per run and sample."""
 NONLINEAR: Mapping[str, Keyword] = {

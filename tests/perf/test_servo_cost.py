@@ -14,7 +14,7 @@ from plants.first_order import first_order, runge_kutta
 from plants.servo_loops import ReferencePlant, fig7
 from plants.servo_reference import FINE, held
 
-from rmpc_bench.models.servo import TOLERANCE
+from rmpc_bench.models.servo_compiled import TOLERANCE
 from rmpc_bench.plants import servo
 from rmpc_bench.simulation.closed_loop import simulate
 
