@@ -148,6 +148,7 @@ class ServoPlant(Plant):
         return x[:, :1] + v
 
 
+@dataclass(frozen=True, eq=False)
 class Servo(ServoPlant):
     """The nonlinear servomechanism; create it with `design`."""
 
@@ -213,6 +214,7 @@ class Servo(ServoPlant):
         self.step(0, delta, np.zeros((1, 5)), np.zeros((1, 1)), np.zeros((1, 4)))
 
 
+@dataclass(frozen=True, eq=False)
 class ServoLinear(ServoPlant):
     """The linear servomechanism as a plant; create it with `design_linear`."""
 
