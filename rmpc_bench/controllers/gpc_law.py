@@ -24,7 +24,7 @@ from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_ou
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.tracking import RunProblems, TrackingLaw
-from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LinearLaw
+from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LinearLaw, as_command
 
 
 class GpcState(NamedTuple):
@@ -169,7 +169,7 @@ class Gpc(Controller):
     def _physical(self, command: Command, info: dict[str, Array]) -> Command:
         """Return a command whose inputs are deviations from the operating point as one of the inputs themselves."""
         u = command.u if self.model.operating_point is None else command.u + self.model.u_op
-        return command._replace(u=u, info={**info, **command.info})
+        return as_command(command._replace(u=u, info={**info, **command.info}))
 
     def _first(
         self,

@@ -10,7 +10,17 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.limits import AntiWindup, Bounds, common_limits
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LawState, LinearLaw, OperatingPoint
+from rmpc_bench.types import (
+    Ahead,
+    Array,
+    Command,
+    Controller,
+    Estimate,
+    LawState,
+    LinearLaw,
+    OperatingPoint,
+    as_command,
+)
 
 
 class LqgState(NamedTuple):
@@ -69,12 +79,12 @@ class Lqg(Controller):
         if self.K_d is not None:
             v = v - mv(self.K_d, estimate.info["w_mean"])
         if self.K_q.shape[1] == 0:
-            return state, Command(np.clip(v, *self.bounds))
+            return state, as_command(Command(np.clip(v, *self.bounds)))
         q = self.sums(state)
         v = v - mv(self.K_q, q)
         u = np.clip(v, *self.bounds)
         outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
-        return LqgState(q, self._errors(outputs, r[0]), v, u), Command(u)
+        return LqgState(q, self._errors(outputs, r[0]), v, u), as_command(Command(u))
 
     def control_ahead(
         self, k: int, state: LqgState, y: Array, estimate: Estimate, r: Array, ahead: Ahead

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
 from rmpc_bench.controllers.limits import Bounds, Fallback, without_effect
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.types import Array, Command, CompiledLaw, Controller, Estimate, LinearLaw, OptimisedStep
+from rmpc_bench.types import Array, Command, CompiledLaw, Controller, Estimate, LinearLaw, OptimisedStep, as_command
 
 
 class MpcState(NamedTuple):
@@ -71,7 +71,7 @@ class Mpc(Controller):
     ) -> tuple[MpcState, Command]:
         """Apply the first input of the minimiser, clipped."""
         u = self._clipped(self._minimiser(state.u_previous, estimate, r), state.u_previous)
-        return MpcState(u), Command(u)
+        return MpcState(u), as_command(Command(u))
 
     def applied(self, k: int, state: MpcState, u: Float[Array, "runs nu"]) -> MpcState:
         """Keep the input that acts: u(k-1) of the next sample."""

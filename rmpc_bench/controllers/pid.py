@@ -41,6 +41,7 @@ from rmpc_bench.types import (
     NonNegative,
     OperatingPoint,
     Positive,
+    as_command,
 )
 from rmpc_bench.types.angles import wrapped
 from rmpc_bench.types.errors import unknown
@@ -145,7 +146,7 @@ class Pid(Controller):
             v = v + mv(self.F, estimate.info["measured"])
         # A run without an estimate ends, although these loops may not need it.
         u = np.where(np.isnan(estimate.x_hat).any(axis=1, keepdims=True), np.nan, np.clip(v, *self.bounds))
-        return PidState(integral, derivative, error, measured, step, v, u), Command(u)
+        return PidState(integral, derivative, error, measured, step, v, u), as_command(Command(u))
 
     def applied(self, k: int, state: PidState, u: Float[Array, "runs nu"]) -> PidState:
         """Keep the input that acts, for the anti-windup."""

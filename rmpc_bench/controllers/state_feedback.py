@@ -44,6 +44,7 @@ from rmpc_bench.types import (
     Matrix,
     Model,
     OperatingPoint,
+    as_command,
 )
 
 EQUATION = {
@@ -81,7 +82,7 @@ class Regulator(Controller):
             u = self.input_of(k, estimate)
         else:
             u = self.point.u + self.input_of(k, estimate._replace(x_hat=estimate.x_hat - self.point.x))
-        return None, Command(u)
+        return None, as_command(Command(u))
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the inputs at k."""

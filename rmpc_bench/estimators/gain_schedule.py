@@ -28,7 +28,17 @@ from rmpc_bench.numerics.linalg import at_sample, driven, innovation, mv
 from rmpc_bench.numerics.mixed_step import MixedStep, Rule
 from rmpc_bench.numerics.riccati import error_radius, filter_step
 from rmpc_bench.numerics.square_root import covariance_of, root_of
-from rmpc_bench.types import Array, CompiledFilter, DesignError, Estimate, Estimator, GainSchedule, Model, Status
+from rmpc_bench.types import (
+    Array,
+    CompiledFilter,
+    DesignError,
+    Estimate,
+    Estimator,
+    GainSchedule,
+    Model,
+    Status,
+    as_estimate,
+)
 
 Form: TypeAlias = Literal["filter", "predictor"]
 
@@ -96,7 +106,7 @@ class GainScheduleFilter(Estimator):
         if self.S is not None:
             S = at_sample(self.S, k)
             info["S"] = np.broadcast_to(S, (len(y), *S.shape))
-        estimate = Estimate(x_hat, P, M, info=info)
+        estimate = as_estimate(Estimate(x_hat, P, M, info=info))
         if self.recursion is None:
             return FilterState(state.x_pred, e), estimate
         missing = np.isnan(y)
@@ -113,9 +123,8 @@ class GainScheduleFilter(Estimator):
         begun = state.own[rows].reshape(-1, *[1] * (self.root.ndim - 1))
         gains = self.recursion(k, np.where(begun, state.kept[rows], at_sample(self.root, k)), missing[rows])
         x_pred, e = state.x_pred[rows], np.where(missing[rows], 0.0, estimate.info["e"][rows])
-        x_hat, shift = estimate.x_hat.copy(), mv(gains.K, e)
+        x_hat, status, shift = estimate.x_hat.copy(), estimate.status.copy(), mv(gains.K, e)
         x_hat[rows] = x_pred + mv(gains.L, e) if self._corrects else x_pred
-        status = np.zeros(len(x_hat), dtype=np.int8)
         status[rows[~np.isfinite(gains.kept).reshape(len(rows), -1).all(axis=1)]] = Status.INFEASIBLE
         if gains.F is not None:
             shift = shift + mv(gains.F - at_sample(self.F, k), x_pred)

@@ -37,7 +37,7 @@ from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import check_signal, driven, has_root, innovation, mv, symmetrise
 from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
-from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status, as_estimate
 
 EQUATION = r"""\hat x_{k|k} = \hat x_{k|k-1} + L_k (y_k - C \hat x_{k|k-1}), \quad
 L_k = P_{k|k-1} C^\top (C P_{k|k-1} C^\top + R_v)^{-1}, \quad P_{k+1|k} = A (I - L_k C) P_{k|k-1} A^\top + Q_w"""
@@ -124,7 +124,7 @@ class TrajectoryFilter(RelinearisedFilter):
             C = self.model.around(k, state.x_hat, state.u).C
             found = corrected(C, root_of(self.model.R_v_at(k)), state.root)
             after = TrajectoryState(state.x_hat + mv(found.gain, e), found.root, state.u)
-        return after, Estimate(after.x_hat, covariance_of(after.root), info={"e": e})
+        return after, as_estimate(Estimate(after.x_hat, covariance_of(after.root), info={"e": e}))
 
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Predict k+1 with the nonlinear model; P with its linearisation at x_hat(k) and u(k)."""

@@ -26,7 +26,7 @@ from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
 from rmpc_bench.numerics.linalg import check_signal, check_time, driven, mv
 from rmpc_bench.numerics.square_root import conditional, corrected, covariance_of, root_of
-from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant, as_estimate
 
 EQUATION = r"""\hat x_{k+1|k} = A_k^F \hat x_{k|k-1} + B u_k + K_k (y_k - C_k^F \hat x_{k|k-1}), \quad
 A_k^F = A + H_A F_x(k) G_x"""
@@ -93,7 +93,7 @@ class Oracle(Estimator):
         if self.form == "filter":
             found = corrected(C, Y[:, :, root.shape[2] :], root)
             x_hat, of_x_hat = x_pred + mv(found.gain, used), found.root
-        return after, Estimate(x_hat, covariance_of(of_x_hat), info={"e": e})
+        return after, as_estimate(Estimate(x_hat, covariance_of(of_x_hat), info={"e": e}))
 
     def predict(self, k: int, state: OracleState, u: Float[Array, "runs nu"]) -> OracleState:
         """Predict k+1."""

@@ -37,7 +37,7 @@ from rmpc_bench.numerics.divergence import LARGEST
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, check_signal, driven, mv, symmetrise
 from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
-from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative, Positive
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative, Positive, as_estimate
 
 EQUATION = r"""\min_{x, w} \max_{\Vert \Delta \Vert \le 1} \Vert x -
 \hat x_k \Vert_{P_k^{-1}}^2 + \Vert w \Vert_{Q_w^{-1}}^2 + \Vert y_{k+1} - C x_{k+1}(x, w, \Delta) \Vert_{R^{-1}}^2"""
@@ -94,7 +94,7 @@ class SayedSearch(Estimator):
         e = y - now.d0 - mv(now.C, x_pred)
         found = corrected(now.C, root_of(R), root)
         after = SearchState(x_pred + mv(found.gain, e), found.root, state.known)
-        return after, Estimate(after.x_hat, covariance_of(after.root), info={"e": e, "lam": lam[:, None]})
+        return after, as_estimate(Estimate(after.x_hat, covariance_of(after.root), info={"e": e, "lam": lam[:, None]}))
 
     def predict(self, k: int, state: SearchState, u: Float[Array, "runs nu"]) -> SearchState:
         """Keep the known part of the step; the rest follows with y(k+1)."""

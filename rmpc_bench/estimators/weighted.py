@@ -29,7 +29,7 @@ from rmpc_bench.numerics.output_weights import (
     whitening_of_runs,
 )
 from rmpc_bench.numerics.square_root import covariance_of, root_of
-from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, as_estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class WeightedFilter(Estimator):
             weight, state = corrected(self.law, state, q, H, count, self.kept)
             weight = np.where(missing, 0.0, weight) if some else weight
         info = {"e": e, "S": S, "weight": weight}
-        return state, Estimate(state.x, covariance_of(state.root), info=info)
+        return state, as_estimate(Estimate(state.x, covariance_of(state.root), info=info))
 
     def predict(self, k: int, state: OwnState, u: Float[Array, "runs nu"]) -> OwnState:
         """Predict k+1."""

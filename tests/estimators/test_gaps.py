@@ -42,7 +42,7 @@ def filtered(design, y, u):
         P.append(
             np.zeros((len(y), 1, 1)) if found.P is None else np.broadcast_to(found.P, (len(y), *found.P.shape[-2:]))
         )
-        status.append(np.broadcast_to(found.status, len(y)))
+        status.append(found.status)
         state = design.predict(k, state, u[:, k])
     return np.stack(x_hat, axis=1), np.stack(P, axis=1), np.stack(status, axis=1)
 

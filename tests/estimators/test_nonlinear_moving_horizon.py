@@ -70,8 +70,7 @@ def run(estimator, y, u):
     for k in range(y.shape[1]):
         state, estimate = estimator.correct(k, state, y[:, k])
         info, P = estimate.info, np.broadcast_to(estimate.P, (len(y), *estimate.P.shape[-2:]))
-        status = np.broadcast_to(estimate.status, len(y))
-        found.append((estimate.x_hat, info.get("iterations"), info.get("fallback"), status, P))
+        found.append((estimate.x_hat, info.get("iterations"), info.get("fallback"), estimate.status, P))
         state = estimator.predict(k, state, u[:, k])
     return [np.stack(each, axis=1) if each[0] is not None else None for each in zip(*found, strict=True)]
 
