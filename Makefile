@@ -28,7 +28,7 @@ test-slow: setup  ## run the tests that take minutes
 	$(BIN)/python -m pytest -m slow
 
 dist-check: setup  ## install the wheel into fresh environments of every Python on this machine, with the newest and the lowest libraries, and run it
-	PYTHONPATH=tests $(BIN)/python -m dist_check
+	PYTHONPATH=tests $(BIN)/python -m dist_check $(if $(TURN),--turn $(TURN))
 
 release-check: setup  ## before a release: dist-check, the metadata, the archives and tests in the source archive
 	PYTHONPATH=tests $(BIN)/python -m dist_check --release

@@ -50,10 +50,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again
 
+import forked_workers  # noqa: E402
 import hypothesis  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
+forked_workers.install()
 # A slow machine is no fault of the code.  The rest of the profile stays: hypothesis knows one for CI.
 SLOW = [hypothesis.HealthCheck.too_slow]
 hypothesis.settings.register_profile("untimed", hypothesis.settings(), deadline=None, suppress_health_check=SLOW)
@@ -139,6 +141,12 @@ def pytest_collection_modifyitems(config, items):
     left_out |= {item for name, each in marked.items() if name not in chosen for item in each}
     config.hook.pytest_deselected(items=[item for item in items if item in left_out])
     items[:] = [item for item in items if item not in left_out]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Workers of most tests are forks."""
+    forked_workers.Forks.allowed = not forked_workers.NEW & {*item.path.parts}
 
 
 def pytest_collection_finish():

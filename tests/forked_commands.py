@@ -37,7 +37,7 @@ def run(arguments, cwd):
     """Return what `subprocess.run` returns for ``rmpc-bench`` with these arguments in a directory, with its text."""
     command = ["rmpc-bench", *map(str, arguments)]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, open(os.devnull, "rb") as nothing:
-        code = _ask(_server(), command, cwd, [each.fileno() for each in (nothing, out, err)])
+        code = ask([each.fileno() for each in (nothing, out, err)], argv=command, cwd=str(cwd))
         out.seek(0), err.seek(0)
         return subprocess.CompletedProcess(command, code, out.read().decode(), err.read().decode())
 
@@ -55,12 +55,14 @@ def run_in_child(arguments):
         connection = socket.socket(fileno=int(os.environ[CONNECTION]))
     except (KeyError, OSError):
         return None
-    return _ask(connection, ["rmpc-bench", *arguments], os.getcwd(), [0, 1, 2])
+    return ask([0, 1, 2], connection, argv=["rmpc-bench", *arguments])
 
 
-def _ask(connection, command, cwd, streams):
-    request = json.dumps({"argv": command, "cwd": str(cwd), "environ": dict(os.environ)}).encode()
-    socket.send_fds(connection, [len(request).to_bytes(8)], streams)
+def ask(files, connection=None, **keys):
+    """Return the answer of the process that forks to a request with these open files, a number."""
+    connection = connection or _server()
+    request = json.dumps({"cwd": os.getcwd(), "environ": dict(os.environ), **keys}).encode()
+    socket.send_fds(connection, [len(request).to_bytes(8)], files)
     connection.sendall(request)
     return int.from_bytes(connection.recv(8), signed=True)
 
@@ -77,27 +79,39 @@ def _server():
 
 
 def serve():
-    """Run commands until the connection on standard input is closed."""
+    """Run commands and start workers until the connection on standard input is closed."""
+    # Here, since the first one needs this module, and the other one imports much.
+    import forked_workers
+    import small_experiment
+
     rmpc_bench = import_module("rmpc_bench")
     own = (each.name for each in pkgutil.walk_packages(rmpc_bench.__path__, "rmpc_bench."))
     for name in (*LIBRARIES, *own):
         if not name.startswith(OPTIONAL):
             import_module(name)
+    with tempfile.TemporaryDirectory() as place:
+        # Compiled code that most experiments need is loaded once.
+        rmpc_bench.run(small_experiment.write(Path(place)), directory=place, progress=False)
     gc.freeze()
     connection = socket.socket(fileno=os.dup(0))
     while True:
-        length, streams, _, _ = socket.recv_fds(connection, 8, 3)
+        length, files, _, _ = socket.recv_fds(connection, 8, 16)
         if not length:
             return
         request = json.loads(connection.recv(int.from_bytes(length), socket.MSG_WAITALL))
-        child = os.fork()
-        if child == 0:
-            connection.close()
-            _command(request, streams)
-        for stream in streams:
-            os.close(stream)
-        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        connection.sendall(code.to_bytes(8, signed=True))
+        answer = forked_workers.fork(request, files) if "given" in request else _ended(request, files, connection)
+        for file in files:
+            os.close(file)
+        connection.sendall(answer.to_bytes(8, signed=True))
+
+
+def _ended(request, streams, connection):
+    """Run a command in a fork and return its exit code."""
+    child = os.fork()
+    if child == 0:
+        connection.close()
+        _command(request, streams)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def _command(request, streams):

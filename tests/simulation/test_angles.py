@@ -206,13 +206,13 @@ def test_laws_follow_the_nearest_turn(tmp_path):
 
 
 def test_runs_with_different_turns_do_not_depend_on_their_block(tmp_path):
-    """Oracle: every run alone.  Runs turn in both directions at once, so that laws are called for groups of them."""
+    """Oracle: some runs alone.  Runs turn in both directions at once, so that laws are called for groups of them."""
     wild = ("noise: same", "noise: {process: {gaussian: {std: [0.3, 0.5]}}, measurement: same}")
     config = config_of(tmp_path, driven("{kind: constant, value: 3}", noise=wild))
     final = np.empty(20)
     for name in config.methods:
         whole, metrics = simulated(config, name)
-        for run in range(20):
+        for run in range(0, 20, 4):
             alone, own = simulated(config, name, range(run, run + 1))
             for signal in ("x", "x_hat", "y", "u"):
                 np.testing.assert_array_equal(getattr(alone, signal)[0], getattr(whole, signal)[run], err_msg=name)
