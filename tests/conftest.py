@@ -61,7 +61,7 @@ SLOW = [hypothesis.HealthCheck.too_slow]
 hypothesis.settings.register_profile("untimed", hypothesis.settings(), deadline=None, suppress_health_check=SLOW)
 hypothesis.settings.load_profile("untimed")
 
-WIDE = 8
+WIDE = 5
 """Number of cases from which on a function has many."""
 FOR_CI = ("page", "kill")
 """Marks of tests that take long: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
