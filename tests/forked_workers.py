@@ -1,11 +1,12 @@
 """Workers and other processes of a run that need not import anything: forks of the process that forks commands.
 
-Most of the time of a short experiment with components of a file goes by before its workers load it.  Tests of `engines`
-start new interpreters, as do commands; so do all tests where a process cannot adopt another one.
+Most of the time of a short experiment with components of a file goes by before its workers load it.  Tests of what a
+process has loaded start new interpreters, as do commands, and all tests where a process cannot adopt another one.
 """
 
 import ctypes
 import io
+import json
 import os
 import random
 import subprocess
@@ -22,8 +23,8 @@ from rmpc_bench import child_process
 
 MODULES = {"rmpc_bench.engines.worker", "rmpc_bench.execution.separation"}
 """What is a fork, of all that runs in processes of its own."""
-NEW = {"engines"}
-"""Folders of tests whose workers are new interpreters."""
+NEW = {"engines", "test_separation.py"}
+"""Folders and files of tests whose workers are new interpreters: what a process has loaded is their subject."""
 ADOPTING = 36
 """PR_SET_CHILD_SUBREAPER of Linux: a process whose parent ends becomes a child of this one."""
 HIGH = 900
@@ -115,7 +116,7 @@ def _work(request, files):
         os.environ.clear()
         os.environ.update(request["environ"] | child_process._ENVIRONMENT)
         os.chdir(request["cwd"])
-        sys.path[:] = request["path"]
+        sys.path[:], sys.argv = request["path"], ["-c", json.dumps([request["path"], request["given"]])]
         random.seed()
         import_module("numpy").random.seed()
         while os.getppid() != request["given"]["parent"]:
