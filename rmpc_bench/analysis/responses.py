@@ -138,8 +138,10 @@ class Surface(NamedTuple):
 
     def columns(self, values: Array) -> Array:
         """(n, 1 + terms) constant and terms at (n, quantities) values."""
-        products = [np.prod(values[:, list(term)], axis=1) for term in self.terms]
-        return np.column_stack([np.ones(len(values)), *products])
+        found = np.ones((len(values), 1 + len(self.terms)))
+        for place, term in enumerate(self.terms, 1):
+            found[:, place] = np.prod(values[:, list(term)], axis=1)
+        return found
 
     def without(self, quantity: int) -> list[int]:
         """Columns that are left without a quantity."""
@@ -255,7 +257,10 @@ def _standard_errors(A: Array, y: Array, value: Array, kept: Sequence[Sequence[i
     whole = residuals(range(n_columns))
     influences = chain((residuals(columns) - whole for columns in kept), [whole])
     # The variance of y is 1, and so is the mean of y^2.
-    spreads = [(each - value[:, i] * squares).std(axis=0, ddof=1) for i, each in enumerate(influences)]
+    spreads = []
+    for place, each in enumerate(influences):
+        each -= value[:, place] * squares
+        spreads.append(each.std(axis=0, ddof=1))
     return np.stack(spreads, axis=1) / np.sqrt(n)
 
 
