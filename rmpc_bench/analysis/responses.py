@@ -252,7 +252,7 @@ def _standard_errors(A: Array, y: Array, value: Array, kept: Sequence[Sequence[i
         found -= y
         found *= found
         found *= n / (n - len(columns))
-        return found
+        return np.asarray(found)
 
     whole = residuals(range(n_columns))
     influences = chain((residuals(columns) - whole for columns in kept), [whole])
@@ -261,7 +261,7 @@ def _standard_errors(A: Array, y: Array, value: Array, kept: Sequence[Sequence[i
     for place, each in enumerate(influences):
         each -= value[:, place] * squares
         spreads.append(each.std(axis=0, ddof=1))
-    return np.stack(spreads, axis=1) / np.sqrt(n)
+    return np.asarray(np.stack(spreads, axis=1) / np.sqrt(n))
 
 
 PARTS = 5
