@@ -283,9 +283,10 @@ def style() -> Iterator[None]:
     import matplotlib
 
     complete_fonts()
-    usual = {key: value for key, value in matplotlib.rcParamsDefault.items() if key != "backend"}
-    fonts = {"font.family": font_family(), "mathtext.fontset": MATHTEXT[_CURRENT.get().font]}
-    with matplotlib.rc_context({**usual, **STYLE, **(PAPER if is_for_paper() else {}), **fonts}), formulas_once():
+    own: dict[Any, Any] = {key: value for key, value in matplotlib.rcParamsDefault.items() if key != "backend"}
+    own |= STYLE | (PAPER if is_for_paper() else {})
+    own |= {"font.family": font_family(), "mathtext.fontset": MATHTEXT[_CURRENT.get().font]}
+    with matplotlib.rc_context(own), formulas_once():
         yield
 
 
