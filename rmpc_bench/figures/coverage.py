@@ -114,8 +114,7 @@ def covered_over_time(point: Trials, method: str, level: float) -> list[Array]:
     found = recorded_errors(point, method)
     if found is None or found.P is None or not len(found.runs):
         return []
-    squares = found.squares()
-    values, freedom = squares.values, squares.freedom
+    values, freedom = found.squares()
     limits = np.where(freedom > 0, 2 * gammaincinv(np.maximum(freedom, 1) / 2, level), 0.0)
     k, n = (values <= limits).sum(axis=0), (~np.isnan(values)).sum(axis=0)
     ends = [wilson(int(some), int(of), point.confidence) for some, of in zip(k, n, strict=True)]

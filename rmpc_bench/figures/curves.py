@@ -98,8 +98,7 @@ def nees_of(point: Trials, method: str) -> NeesLines | None:
 
 def _of_runs(recorded: ErrorRuns, expected: Array | None = None) -> NeesLines | None:
     """Average the normalised squares of runs; a sample that a run does not have counts for the others only."""
-    squares = recorded.squares()
-    values, freedom = squares.values, squares.freedom
+    values, freedom = recorded.squares()
     missing = np.isnan(values)
     if missing.all():
         return None
