@@ -163,7 +163,7 @@ def _searched(rounds: Rounds, left: _Left, known: Mapping[str, Found], progress:
     try:
         with progress:
             found = {**known, **_tune(rounds, left.plan, left.missing)}
-            found |= _test(rounds, left.untested, found, left.tested)
+            found |= _test(rounds, left.untested, found, left.tested) if left.untested else {}
     finally:
         if rounds.seconds:
             add_seconds(rounds.directory, rounds.seconds)
