@@ -280,15 +280,23 @@ class Trials(ComparisonKeys):
                 found[name] = slice(int(rows[0]), int(rows[-1]) + 1)
         return found
 
+    @cached_property
+    def _finished(self) -> Array:
+        """Of every row whether its run ended well."""
+        found = np.zeros(len(self.columns["run"]), dtype=bool)
+        for rows, _, ok in self._rows.values():
+            found[rows] = ok
+        return found
+
     def has_negative(self, metric: str) -> bool:
         """Whether a metric is negative in a run that ended well."""
-        return any((self.column(metric, name) < 0).any() for name in self.methods)
+        return bool(((self.columns[metric] < 0) & self._finished).any())
 
     def with_numbers(self, **changes: Any) -> Trials:
         """Return the same trials with other metrics, or other values of them; methods, runs and statuses stay."""
         made = replace(self, **changes)
         # Which row belongs to which run is found once: millions of texts are compared for it.
-        for name in {"runs", "_rows", "_complete", "adjustment"} & set(self.__dict__):
+        for name in {"runs", "_rows", "_complete", "_finished", "adjustment"} & set(self.__dict__):
             made.__dict__[name] = self.__dict__[name]
         return made
 

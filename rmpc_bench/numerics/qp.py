@@ -155,9 +155,13 @@ FLAGS = {
     1: QpStatus.OPTIMAL,
     2: QpStatus.SOFTENED,
     -1: QpStatus.INFEASIBLE,
+    -2: QpStatus.FAILED,
+    -3: QpStatus.FAILED,
     -4: QpStatus.ITERATION_LIMIT,
+    -5: QpStatus.FAILED,
+    -6: QpStatus.FAILED,
 }
-"""Flag of DAQP -> status; failures are -2 cycling, -3 unbounded, -5 bad data, -6 overdetermined initial set."""
+"""Flag of DAQP -> status: -2 cycling, -3 unbounded, -5 bad data, -6 overdetermined initial set."""
 
 
 class QpSolution(NamedTuple):
