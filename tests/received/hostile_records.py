@@ -61,11 +61,10 @@ POINT = (
         "methods",
         "n_recorded",
     ),
-    *("has_ensemble", "reference", "uncertainty_key", "uncertainty", "names", "random_besides", "limitations", "laws"),
+    *("has_ensemble", "reference", "uncertainty_key", "uncertainty", "names", "random_besides", "limitations"),
+    *("laws", "angles"),
 )
 """Every field of a point of the layout."""
-LEFT_OUT = {LAYOUT: {"adjust": "auto", "calibration": None, "imported": None}}
-"""Values of fields that a record has only where they are others."""
 EXPERIMENT = {"tuning.json": "tuned"}
 """The honest results that have a record, where they are not the plain ones."""
 VERBS = {
@@ -145,7 +144,7 @@ def _fields(record, starts, n=1):
     def cases(box):
         name = EXPERIMENT.get(record, "plain")
         place = box.results(name)
-        honest = LEFT_OUT.get(record, {}) | load(place, record)
+        honest = load(place, record)
         always, sometimes = VERBS[record]
         for start in starts:
             for data, note in alterations(box, honest, start, n):

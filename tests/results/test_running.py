@@ -72,8 +72,8 @@ def test_blocks_in_any_order_give_the_comparison_of_the_table(rng, direction):
     trials = table(values, status, info)
     rows = filled(values, status, blocks(rng), info=info).rows()
     for (_, wanted), row in zip(compared(trials, info, levels(trials)), rows, strict=True):
-        assert (row.method, row.baseline, row.n) == (wanted.method, "A", wanted.n_pairs)
-        size = wanted.difference if direction == "zero" else wanted.geometric_pct
+        assert (row.method, row.baseline, row.n) == (wanted["method"], "A", wanted["n_pairs"])
+        size = wanted["difference"] if direction == "zero" else wanted["geometric_pct"]
         assert row.kind == ("difference" if direction == "zero" else "change")
         assert row.value == pytest.approx(size, rel=1e-8)
         assert row.n_failed == int(((status[row.method] != 0) | (status["A"] != 0)).sum())

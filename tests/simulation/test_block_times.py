@@ -31,7 +31,9 @@ def timed(clock):
         return call
 
     estimator = SimpleNamespace(correct=taking(3.0, ("e", "x_hat")), predict=taking(1.0, "e1"))
-    return BlockTimes(estimator, SimpleNamespace(control=taking(2.0, ("c", "u")), control_ahead=None, applied=None))
+    unused = taking(0.0, None)
+    controller = SimpleNamespace(control=taking(2.0, ("c", "u")), control_ahead=unused, applied=unused)
+    return BlockTimes(estimator, controller)
 
 
 def test_time_per_run_and_step(clock):
