@@ -272,6 +272,8 @@ def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRang
             _check_unit(draft, plant, name)
             low[states], high[states] = lower, upper
     largest = _largest(draft, plant)
+    # An invalid section has an error of its own, and 0 in its place.
+    x0 = None if draft.keys.initial is None else x0
     if x0 is not None and not plant.has_own_start and x0.shape == low.shape and len(draft.problems) == found:
         _check_start(draft, plant, x0, StateRange(low, high, largest))
     scale = 1.0 if plant.recorded is None else plant.recorded.scale
@@ -344,7 +346,7 @@ def _check_start(draft: DraftConfig, plant: Plant, x0: Array, limits: StateRange
     """Report an initial state with which every run fails at once."""
     low, high, largest, _ = limits
     assert low is not None and high is not None
-    path: list[str | int] = ["initial", "x"] if "x" in draft.tree.get("initial", {}) else ["plant"]
+    path: list[str | int] = ["initial", "x"] if "x" in (draft.keys.initial or {}) else ["plant"]
     names = state_names(plant)
     for i in np.flatnonzero((x0 < low) | (x0 > high)):
         draft.note(path, f"{names[i]} starts at {x0[i]:g}, outside its plant.bounds [{low[i]:g}, {high[i]:g}]")

@@ -82,6 +82,11 @@ def test_an_initial_state_beyond_the_limit_is_refused(tmp_path):
     assert found == ["initial.x: x.1 starts at 3, beyond plant.diverged = 2"]
 
 
+def test_a_section_that_is_no_mapping_has_no_start(tmp_path):
+    """Oracle: the section `initial` has the only error, although 0 would be outside the bounds."""
+    assert mistakes(tmp_path, "bounds: {x.0: [1, 2]}", initial="3") == ["initial: must be a mapping (got 3)"]
+
+
 def test_the_keys_are_part_of_the_experiment(tmp_path):
     """Oracle: the hash and the resolved configuration; without them nothing changes."""
     plain = load_config(write(tmp_path, file="plain.yaml"))
