@@ -15,12 +15,14 @@ stage                  module             result
 7 canonicalise         load.py            ExperimentConfig, with every default filled in (experiment_config.py)
 =====================  =================  =======================================================================
 
-A stage returns what it makes and changes nothing of the one before: the sections of a point are a frozen `DraftConfig`
-(draft.py), of which `replace` makes another.  What reads or builds a value raises a ConfigError; `Problems.tried`
-collects it, so that one error hides no other.
+A stage returns what it makes: the sections of a point are a frozen `DraftConfig` (draft.py), of which `replace` makes
+another.  Later stages add errors, warnings and what is left out to those of earlier ones.  What reads or builds one
+value raises a ConfigError; `Problems.tried` collects it, so that one error hides no other.  What compares sections adds
+its errors itself, by `note`.
 
-A key of a configuration is in the file of its name (claims, input, methods, noise, plant, plugins, report, statistics,
-stop, sweep, tune), small ones in sections.py, `requires` in plugins.py, `uncertainty` and `initial` in noise.py.  The
-key `tune` of a method is in search.py, and rounds.py has the designs of values that are tried.  warnings.py has what
-is valid and probably not meant, left_out.py what is inherited and does not fit, own_code.py the files of users.
+A key of a configuration is in the file of its name (claims, delay, input, methods, noise, plant, plugins, report,
+statistics, stop, sweep, tune), small ones in sections.py, `requires` in plugins.py, `uncertainty` and `initial` in
+noise.py.  The key `tune` of a method is in search.py, and rounds.py has the designs of values that are tried.
+designs.py makes the designs of one method.  warnings.py has what is valid and probably not meant, left_out.py what is
+inherited and does not fit, own_code.py the files of users and the first calls of their components.
 """

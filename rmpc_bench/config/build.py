@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import cast
 
+from rmpc_bench.config.delay import refuse_feedthrough, refuse_unbridged
 from rmpc_bench.config.designs import DesignCache, MethodBuilder
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import Built, sweep_point
-from rmpc_bench.config.noise import UNCERTAIN_MATRIX, NoiseLaws, refuse_feedthrough, refuse_unbridged
+from rmpc_bench.config.noise import UNCERTAIN_MATRIX, NoiseLaws
 from rmpc_bench.config.own_code import FirstCalls, OwnCode
 from rmpc_bench.config.plant import (
     UncertainParameter,

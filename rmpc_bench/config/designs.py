@@ -6,10 +6,10 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
+from rmpc_bench.config.delay import delay_of, with_prediction
 from rmpc_bench.config.draft import AlreadyNoted, DraftConfig, MethodComponents
 from rmpc_bench.config.identity import ModelFacts
 from rmpc_bench.config.input import built_controller
-from rmpc_bench.config.noise import delay_of, with_prediction
 from rmpc_bench.config.plant import mean_start, refuse_other_sizes, refuse_runs
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.tree import Problems, error_at

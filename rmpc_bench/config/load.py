@@ -165,7 +165,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "record": plain_data(keys.record),
         "report": plain_data(keys.report),
         "figures": [set_keys(figure) for figure in draft.figures if figure is not None],
-        "claims": [plain_data(keys) for keys in draft.claims if keys is not None],
+        "claims": [plain_data(each) for each in draft.claims if each is not None],
         **{key: value for key in ("plugins", "requires") if (value := getattr(keys, key))},
         "execution": plain_data(keys.execution),
         "smoke": plain_data(keys.smoke),

@@ -6,6 +6,8 @@ those of a metric for its values.  A path is never part of them.
 A directory of results has copies of the Python files, ``code/<hash>/tanks.py``, so that its configuration loads from
 any place and with the code that computed the trials.  Data files are named relative to the directory.  Every copy is
 compared with its hash before any use.
+
+Components from these files are called once before any run, by `FirstCalls`.
 """
 
 from __future__ import annotations

@@ -150,7 +150,7 @@ class Settings:
         self.quantities = uncertain_names(draft.tree)
         grid = {} if values["sweep"] is None else values["sweep"].grid
         # Swept path -> texts of its values, in their order.
-        self.grid = {path: [*map(value_text, map(plain, values))] for path, values in grid.items()}
+        self.grid = {path: [*map(value_text, map(plain, swept))] for path, swept in grid.items()}
 
     @property
     def statistics(self) -> Statistics:
