@@ -49,13 +49,13 @@ def check(sweep: Sweep, drafts: Sequence[DraftConfig], built: Sequence[Built], *
     first, points = drafts[0], [each.point for each in built]
     layout = layout_of(drafts, built, is_valid=not sweep.problems, lenient=lenient)
     # What is wrong with something inherited is no error.
-    trial = replace(first, problems=Problems())
-    claims = read_claims(trial, layout)
-    check_figures(trial, layout)
-    check_report(trial, layout)
-    trial = check_statistics(trial, layout, None if points[0] is None else points[0].experiment)
-    _check_stop(trial)
-    draft, claims = leave_out(trial, claims, first.problems)
+    checked = replace(first, problems=Problems())
+    claims = read_claims(checked, layout)
+    check_figures(checked, layout)
+    check_report(checked, layout)
+    checked = check_statistics(checked, layout, None if points[0] is None else points[0].experiment)
+    _check_stop(checked)
+    draft, claims = leave_out(checked, claims, first.problems)
     for each, point in zip(drafts, points, strict=True):
         if point is not None:
             _check_evaluation(each, point.experiment)

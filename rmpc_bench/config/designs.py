@@ -178,7 +178,7 @@ class MethodBuilder:
                 raise AlreadyNoted
             return OpenLoop(plant.recorded.input, self.n_steps) if plant.nu else Rest(model.nu)
         if component is not None and "only" in component.shared:
-            if self.draft.with_controller or "controller" in self.draft.tree:  # otherwise `check_input` says so
+            if self.draft.keys.with_controller or "controller" in self.draft.tree:  # otherwise `check_input` says so
                 self.draft.note(["input", "only"], f"needs a controller of the other inputs, which {name!r} has not")
             raise AlreadyNoted
         if component is None and "input" in self.draft.tree:

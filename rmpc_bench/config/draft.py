@@ -250,7 +250,7 @@ class DraftConfig:
         assert self.keys.time is not None
         return self.keys.time
 
-    @property
+    @cached_property
     def searches(self) -> dict[str, Search]:
         """What is searched, by the names of the methods."""
         return {name: each.search for name, each in self.methods.items() if each.search is not None}
@@ -259,12 +259,6 @@ class DraftConfig:
     def laws(self) -> list[Component | None]:
         """The laws of the noise and of the initial state; None for that of the design model."""
         return [term.law for terms in (*self.noise.channels.values(), self.initial.laws) for term in terms]
-
-    @cached_property
-    def with_controller(self) -> list[str]:
-        """Names of the methods that have a controller of their own."""
-        own = self.keys.methods or {}
-        return [name for name, method in own.items() if isinstance(method, Map) and "controller" in method]
 
     def with_keys(self, **changed: Any) -> DraftConfig:
         """Return a draft with other values of top-level keys."""

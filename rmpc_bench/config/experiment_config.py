@@ -119,8 +119,10 @@ def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> 
     protocol = tune.protocol(metric_of_tuning(drafts[0]))
     seeds = [tuning_seed(draft.keys.seed or 0, protocol.seed) for draft in drafts]
     shared = [digest({**point.shared, "seed": seed}) for point, seed in zip(points, seeds, strict=True)]
+    # Where a method has several rows at a point, which is an error, the first one counts.
+    rows = {(row.at, row.method): row.key for row in reversed(tune.values)}
     searches = [
-        _wanted(draft, point, number, name, protocol, shared[number])
+        _wanted(draft, point, number, name, protocol, shared[number], rows.get((draft.title, name)))
         for number, (draft, point) in enumerate(zip(drafts, points, strict=True))
         for name in draft.searches
     ]
@@ -129,8 +131,15 @@ def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> 
 
 
 def _wanted(
-    draft: DraftConfig, point: SweepPoint, number: int, name: str, protocol: TuningProtocol, shared: str
+    draft: DraftConfig,
+    point: SweepPoint,
+    number: int,
+    name: str,
+    protocol: TuningProtocol,
+    shared: str,
+    carried: str | None,
 ) -> WantedSearch:
+    """Return the search of a method; `carried` identifies the one whose values the file has."""
     search = draft.searches[name]
     data = {
         "experiment": shared,
@@ -141,9 +150,7 @@ def _wanted(
         "metric": point.metric_keys[protocol.metric],
     }
     key, settings = digest({**data, "code": point.code[name]}), digest(data)[:16]
-    rows = [] if draft.keys.tune is None else draft.keys.tune.values
-    carried = next((row.key for row in rows if (row.at, row.method) == (draft.title, name)), settings)
-    found = (search.parameters, search.default, key, search.values, settings, carried)
+    found = (search.parameters, search.default, key, search.values, settings, settings if carried is None else carried)
     return WantedSearch(draft.title, number, name, *found)
 
 

@@ -20,13 +20,13 @@ from rmpc_bench.types.signals import indices_of
 def check_input(draft: DraftConfig) -> None:
     """Report an input of all signals beside a controller, and one of some without a controller."""
     keys = {} if draft.input is None else draft.input.shared
-    has_controller = "controller" in draft.tree or bool(draft.with_controller)
+    has_controller = "controller" in draft.tree or bool(draft.keys.with_controller)
     if "only" in keys and not has_controller:
         draft.note(["input", "only"], "needs a controller of the other inputs")
     elif "known" in keys and "only" not in keys:
         draft.note(["input", "known"], "has no effect without `only`")
     elif has_controller and draft.input is not None and "only" not in keys:
-        where = "controller" if "controller" in draft.tree else f"methods.{draft.with_controller[0]}.controller"
+        where = "controller" if "controller" in draft.tree else f"methods.{draft.keys.with_controller[0]}.controller"
         message = f"replaces the controller of all methods; leave out `{where}` or the input, or give `only`"
         draft.note(["input"], message, key=True)
 

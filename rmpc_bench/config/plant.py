@@ -60,7 +60,7 @@ def refuse_sections(draft: DraftConfig) -> None:
     if draft.plant is None or draft.plant.kind != DATA or not draft.plant.is_built_in:
         return
     places: list[list[str | int]] = [["controller"]] if draft.tree.get("controller") is not None else []
-    places += [["methods", name, "controller"] for name in draft.with_controller]
+    places += [["methods", name, "controller"] for name in draft.keys.with_controller]
     for path in places:
         draft.note(path, "the recorded input is replayed, so that no controller can act; leave it out", key=True)
     if "input" in draft.tree:

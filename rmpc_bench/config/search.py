@@ -64,7 +64,7 @@ def _component(draft: DraftConfig, name: str, own: Map, key: str) -> Component |
     tree = with_kind(f"{key}s", own[key]) if key in own else default
     if tree is None:
         # An experiment without any controller has u = 0.
-        if key != "controller" or draft.with_controller:
+        if key != "controller" or draft.keys.with_controller:
             draft.note(path, f"{key!r} is missing, here and as a default of all methods")
         return None
     if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
@@ -150,11 +150,11 @@ def _checked_at(
     """Validate a method at a value of every range; what is refused there is an error of the range."""
     path: list[str | int] = ["methods", name, "tune"]
     values = {each.path: as_value(each, value) for each, value in zip(parameters, row, strict=True)}
-    trial = replace(draft, problems=Problems())
-    given = trial.problems.tried(with_values, draft, own, values, locate(draft.tree, path))
-    found = None if given is None else read_components(trial, name, given)
+    there = replace(draft, problems=Problems())
+    given = there.problems.tried(with_values, draft, own, values, locate(draft.tree, path))
+    found = None if given is None else read_components(there, name, given)
     problems = Problems()
-    for problem in trial.problems:
+    for problem in there.problems:
         parameter = _to_blame(problem, parameters)
         number = values[parameter.path]
         counts = number % 1 and "whole number" in problem.message

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple
 
 from annotated_types import Ge, Le, Len
@@ -276,6 +277,12 @@ class Keys:
         Execution, Execution(), "Settings of the computation; none of them changes the numbers of a finished run."
     )
     smoke: Smoke | None = _key(Smoke, Smoke(), "Size of a run with --smoke.")
+
+    @cached_property
+    def with_controller(self) -> list[str]:
+        """Names of the methods that have a controller of their own."""
+        own = self.methods or {}
+        return [name for name, method in own.items() if isinstance(method, Mapping) and "controller" in method]
 
 
 SECTIONS: dict[str, Section] = {each.name: each.metadata["section"] for each in fields(Keys)}
