@@ -22,7 +22,8 @@ its errors itself, by `note`.
 
 A key of a configuration is in the file of its name (claims, delay, input, methods, noise, plant, plugins, report,
 statistics, stop, sweep, tune), small ones in sections.py, `requires` in plugins.py, `uncertainty` and `initial` in
-noise.py.  The key `tune` of a method is in search.py, and rounds.py has the designs of values that are tried.
-designs.py makes the designs of one method.  warnings.py has what is valid and probably not meant, left_out.py what is
-inherited and does not fit, own_code.py the files of users and the first calls of their components.
+noise.py.  claim_keys.py has the keys of one claim.  The key `tune` of a method is in search.py, and rounds.py has the
+designs of values that are tried.  designs.py makes the designs of one method.  warnings.py has what is valid and
+probably not meant, left_out.py what is inherited and does not fit, own_code.py the files of users and the first calls
+of their components.
 """

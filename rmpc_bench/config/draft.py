@@ -19,6 +19,7 @@ from jaxtyping import Float
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.reference import is_reference
+from rmpc_bench.config.claim_keys import ClaimKeys
 from rmpc_bench.config.sections import SECTIONS, Keys, Time
 from rmpc_bench.config_file.component import Component, read_component
 from rmpc_bench.config_file.keys import validate
@@ -239,7 +240,7 @@ class DraftConfig:
     methods: Mapping[str, MethodComponents] = field(default_factory=dict)
     metrics: Sequence[Component | None] = ()
     figures: Sequence[Component | None] = ()
-    claims: Sequence[Any] = ()  # the keys of every claim (ClaimKeys); None where it has an error
+    claims: Sequence[ClaimKeys | None] = ()  # None where one has an error
     problems: Problems = field(default_factory=Problems)
     warnings: list[Problem] = field(default_factory=list)  # what is valid but probably not meant
     left_out: list[str] = field(default_factory=list)  # what is inherited and does not fit, in words

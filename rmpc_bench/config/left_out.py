@@ -47,10 +47,8 @@ def leave_out(
     draft.left_out.extend(_lines(draft, **found))
     numbers = [number for number, keys in enumerate(draft.claims) if keys is not None]
     claims = tuple(claim for number, claim in zip(numbers, claims, strict=True) if number not in found["claims"])
-    kept, figures = (
-        [None if number in found[key] else each for number, each in enumerate(entries)]
-        for key, entries in (("claims", draft.claims), ("figures", draft.figures))
-    )
+    kept = [None if number in found["claims"] else keys for number, keys in enumerate(draft.claims)]
+    figures = [None if number in found["figures"] else each for number, each in enumerate(draft.figures)]
     return replace(draft, claims=kept, figures=figures, problems=problems), claims
 
 

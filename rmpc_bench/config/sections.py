@@ -9,22 +9,19 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple
 
 from annotated_types import Ge, Le, Len
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator
 
+from rmpc_bench.config.claim_keys import Name
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config.stop import StopKeys
 from rmpc_bench.config.tune import TuneKeys
 from rmpc_bench.expressions.units import n_bytes, seconds
-from rmpc_bench.received.names import EXPERIMENT
 from rmpc_bench.types import Count, Positive
-from rmpc_bench.types.basics import MAX_STEPS
+from rmpc_bench.types.basics import MAX_STEPS, Text
 from rmpc_bench.types.metric import CalibrationKeys
 
 MAX_RUNS = 10_000_000  # a larger number is out of the supported range: its arrays would not fit into memory
-
-Name = Annotated[str, Field(pattern=EXPERIMENT)]
-Text = Annotated[str, Len(1)]
 
 
 def _unit(text: str) -> str:

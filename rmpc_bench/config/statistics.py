@@ -6,15 +6,15 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, Gt, Len, Lt
+from annotated_types import Ge, Gt, Lt
 
 from rmpc_bench.expressions.arithmetic import ArithmeticParser, Call, Name, Node, unknown_name
 from rmpc_bench.expressions.quantity import RESERVED, QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
 from rmpc_bench.types import NonNegative
+from rmpc_bench.types.basics import Text
 from rmpc_bench.types.metric import OPERATORS, ComparisonKeys, Limit, Requirement
 
-Text = Annotated[str, Len(1)]
 DEFAULT_RELEVANT = 0.01
 Relevant: Any = Annotated[float, Ge(0), Lt(1)] | dict[str, NonNegative]
 

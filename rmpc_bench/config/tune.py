@@ -10,9 +10,8 @@ from annotated_types import Ge, Le, Len
 from pydantic import AfterValidator
 
 from rmpc_bench.types import Count, NonNegative
+from rmpc_bench.types.basics import Text
 from rmpc_bench.types.tuning import TunedParameter, TuningProtocol, ValueRow, level_of
-
-Text = Annotated[str, Len(1)]
 
 
 def _statistic(text: str) -> str:

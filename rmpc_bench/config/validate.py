@@ -13,7 +13,7 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.config.claims import ClaimKeys
+from rmpc_bench.config.claim_keys import ClaimKeys
 from rmpc_bench.config.draft import DraftConfig, Inherited
 from rmpc_bench.config.input import check_input
 from rmpc_bench.config.methods import read_methods

@@ -14,7 +14,8 @@ from pydantic import AfterValidator
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.check import check_report, check_statistics
-from rmpc_bench.config.claims import ClaimKeys, check_figures, read_claims
+from rmpc_bench.config.claim_keys import ClaimKeys
+from rmpc_bench.config.claims import check_figures, read_claims
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.noise import read_uncertainty, uncertain_names
 from rmpc_bench.config.sections import SECTIONS

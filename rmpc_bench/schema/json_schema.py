@@ -14,7 +14,7 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
-from rmpc_bench.config.claims import ClaimKeys
+from rmpc_bench.config.claim_keys import ClaimKeys
 from rmpc_bench.config.draft import SameLaw
 from rmpc_bench.config.methods import Source
 from rmpc_bench.config.noise import DISTRIBUTIONS, GROUPS, SCALE

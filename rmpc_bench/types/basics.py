@@ -12,7 +12,7 @@ from copy import copy
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Len
 
 # Not `NDArray`: since NumPy 2.5 it is a type alias object, which jaxtyping refuses.
 Array: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[Any]]
@@ -38,6 +38,7 @@ of a matrix that is square by its meaning, and refused for any other."""
 Positive: TypeAlias = Annotated[float, Gt(0)]
 NonNegative: TypeAlias = Annotated[float, Ge(0)]
 Count: TypeAlias = Annotated[int, Ge(1)]
+Text: TypeAlias = Annotated[str, Len(1)]
 MAX_STEPS = 1_000_000
 """Largest number of control periods; arrays of a longer run would not fit into memory."""
 Steps: TypeAlias = Annotated[int, Ge(1), Le(MAX_STEPS)]

@@ -4,7 +4,8 @@ import pytest
 from small_experiment import KEYS, write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.claims import ClaimKeys, read_claims
+from rmpc_bench.config.claim_keys import ClaimKeys
+from rmpc_bench.config.claims import read_claims
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sections import Keys
 from rmpc_bench.config_file.tree import Map, Mark
