@@ -56,7 +56,7 @@ def built_controller(
         raise controller.error("a controller of your own returns all inputs; leave out `input`")
     signal = draft.problems.tried(component.build, nu=len(places), Ts=provided["Ts"], n_steps=provided["n_steps"])
     known, names = component.shared.get("known", True), PlantInfo.of(plant).inputs
-    if known:
+    if known and estimator is not None:
         # What the disturbance adds to x(k+1) is a mean of the process noise, which laws use as an estimated one.
         estimator = declaring(estimator, estimates_mean=True)
     try:

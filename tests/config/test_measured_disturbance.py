@@ -174,6 +174,7 @@ def test_the_written_file_loads_as_the_same(tmp_path):
             "has no effect without `only`",
         ),
         ({"law": "{kind: control-lqr, Q_x: 1, R_u: 1}"}, "methods.M.controller", "use lqr, mpc or gpc"),
+        ({"estimator": "nosuch", "law": "{kind: pid, Kp: 1}"}, "methods.M.estimator.kind", "'nosuch'"),
     ],
 )  # fmt: skip
 def test_what_is_refused(tmp_path, changes, path, words):
