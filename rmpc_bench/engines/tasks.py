@@ -18,7 +18,7 @@ from rmpc_bench.components.reference import CodeError
 from rmpc_bench.components.transport import inside, recipe_of
 from rmpc_bench.components.user_code import last_user_frame, one_line, untouched, user_trace
 from rmpc_bench.simulation.checked_calls import CheckedController, CheckedEstimator, CheckedPlant, is_own
-from rmpc_bench.simulation.closed_loop import Block, simulate, simulate_block
+from rmpc_bench.simulation.closed_loop import Block, Loop, simulate_block
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Draws, Experiment, own_draws
 from rmpc_bench.types import (
@@ -200,14 +200,15 @@ def failed(experiments: Sequence[Experiment], task: Task, failure: RunFailure) -
 def failure_of(error: BaseException, experiment: Experiment, run: int) -> RunFailure:
     """Describe the exception that ended a run which was simulated alone."""
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    loop = next((frame.f_locals for frame in frames if _is_loop(frame)), {})
-    values = {name: _last(loop.get(key)) for name, key in (("y", "y"), ("u_previous", "u"), ("x_hat", "estimate"))}
-    known = {name: value for name, value in values.items() if value is not None}
+    # By the type itself: `isinstance` asks a proxy of the user for its class, which may raise.
+    loop = next((each for frame in frames for each in frame.f_locals.values() if type(each) is Loop), None)
+    signals = {} if loop is None else {"y": loop.y, "u_previous": loop.u, "x_hat": loop.x_hat}
+    known = {name: value for name, signal in signals.items() if (value := _last(signal)) is not None}
     return RunFailure(
         run,
         int(Status.TIMEOUT if isinstance(error, TimeLimit) else Status.CRASHED),
         _role(frames),
-        loop.get("k"),
+        None if loop is None else loop.k,
         str(error) if isinstance(error, InvalidReturnValue | TimeLimit) else one_line(error),
         _trace(error),
         {**known, "parameters": named_values(experiment, run)},
@@ -221,10 +222,6 @@ def _trace(error: BaseException) -> str:
     return "".join(traceback.format_exception(error, limit=-MAX_FRAMES))
 
 
-def _is_loop(frame: FrameType) -> bool:
-    return (frame.f_globals.get("__name__"), frame.f_code.co_name) == (simulate.__module__, simulate.__name__)
-
-
 def _role(frames: Sequence[FrameType]) -> str:
     """Name the component whose method was called first."""
     for frame in frames:
@@ -235,10 +232,9 @@ def _role(frames: Sequence[FrameType]) -> str:
     return ""
 
 
-def _last(value: Any) -> list[Any] | None:
-    """Return the signal of the only run."""
-    array = getattr(value, "x_hat", value)
-    return array[0].tolist() if isinstance(array, np.ndarray) and len(array) == 1 else None
+def _last(signal: Array | None) -> list[Any] | None:
+    """Return the signal of the only run; None where it is not known."""
+    return signal[0].tolist() if signal is not None and len(signal) == 1 else None
 
 
 def contained(

@@ -174,7 +174,6 @@ def simulate(
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps + 1):
-            start.watch.step(k)
             y_true, y, given = loop.measured(k)
             estimate = loop.corrected(k, given)
             of_x = without_disturbances(estimate, nd)
@@ -198,6 +197,12 @@ class Loop:
 
     An `Episode` has no law.
     """
+
+    # What a description of a run that an exception has ended names; None before the first sample.
+    k: int | None = None
+    y: Array | None = None  # as the estimator and the controller get it
+    x_hat: Array | None = None
+    u: Array | None = None  # that acted last
 
     def __init__(
         self,
@@ -237,13 +242,15 @@ class Loop:
 
     def measured(self, k: int) -> tuple[Array, Array, Any]:
         """Return y(k) without noise, y(k) as it is measured and arrives, and what the estimator gets."""
+        self.k = k
+        self._start.watch.step(k)
         acting, delta = self.fed.at(k, len(self.x)), self.draws.delta
         y_true = np.array(self._moving.output(k, delta, self.x, self._no_noise, *acting))
         v, mixes = self._v[:, k], self._plant.mixes_noise
         y = y_true + v if mixes else np.array(self._moving.output(k, delta, self.x, v, *acting))
-        y, given = self._arrivals.at(k, self.draws.altered(k, y))
+        self.y, given = self._arrivals.at(k, self.draws.altered(k, y))
         self.status = self._runs.with_reported(self.status)
-        return y_true, y, given
+        return y_true, self.y, given
 
     def corrected(self, k: int, given: Any) -> Estimate:
         """Call the estimator."""
@@ -252,6 +259,7 @@ class Loop:
         estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
         found = estimate.status, estimate.x_hat, self._method.n_disturbances
         self.status = self._runs.after(self._limits.of_estimate(self.status, *found))
+        self.x_hat = estimate.x_hat
         return estimate
 
     def controlled(self, k: int, y: Array, estimate: Estimate, r: Array) -> tuple[Command, ActingInput]:
@@ -267,6 +275,7 @@ class Loop:
         self._start.note_steps(command.step_status, self._runs)
         own = acting.known if self._method.controller.takes_acting_input else acting.sent
         self._c = self.timed.applied(k, self._c, own.copy())
+        self.u = acting.u
         return command, acting
 
     def acting(self, k: int, u: Float[Array, "runs nu"], reported: Statuses) -> ActingInput:

@@ -78,9 +78,11 @@ def test_the_failure_is_described(store, act, message):
     """With component, sample, the frames of its own code and the last signals."""
     failures = store.failures(act, N_RUNS)
     assert [failure.run for failure in failures] == [*BAD]
+    _, x_hat = store.traces("do_nothing", "x_hat", N_RUNS)
     for failure in failures:
         assert (failure.message, failure.component, failure.k) == (message, "estimator", K_BAD)
-        assert len(failure.values["y"]) == 1 and len(failure.values["x_hat"]) == 1
+        assert len(failure.values["y"]) == len(failure.values["u_previous"]) == 1
+        assert failure.values["x_hat"] == x_hat[failure.run, K_BAD - 1].tolist()
         # What is returned wrong has no frame of its own; the check of shapes adds some that are not the bench's.
         assert ("closed_loop" in failure.trace) == (act.startswith("return") and not ALL)
         assert (f"in {act}" in failure.trace) == (not act.startswith("return"))
