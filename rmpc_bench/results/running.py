@@ -119,6 +119,7 @@ class RunningComparison:
         keys_of = {key for pair in self._pairs for key in (pair.key, pair.baseline_key) if key}
         self._values: dict[str, Array] = {key: np.empty(0) for key in keys_of}
         self._there: dict[str, Array] = {key: np.empty(0, dtype=bool) for key in keys_of}
+        self._known: dict[_Pair, Compared] = {}  # without those that have got a run since they were computed
 
     def add(self, key: str, runs: Sequence[int] | Array, values: Array, status: Array) -> None:
         """Add the primary metric and the status of some runs of a method, whose trials have a key."""
@@ -134,6 +135,8 @@ class RunningComparison:
         values = distance_from_best(np.array(values, dtype=float), self.metric.direction)
         values[np.asarray(status) != Status.OK] = np.nan
         self._values[key][places], self._there[key][places] = values, True
+        for pair in [pair for pair in self._known if key in (pair.key, pair.baseline_key)]:
+            del self._known[pair]
 
     def rows(self) -> list[Compared]:
         """Return the comparisons of all methods and points so far."""
@@ -150,6 +153,11 @@ class RunningComparison:
         return f"{self.metric.name}{against}: {', '.join(texts[:most])}{more}"
 
     def _row(self, pair: _Pair) -> Compared:
+        if pair not in self._known:
+            self._known[pair] = self._compared(pair)
+        return self._known[pair]
+
+    def _compared(self, pair: _Pair) -> Compared:
         """Compare the runs that both have; a failed run loses against a finished one, and its size is left out."""
         kind, unit, scale, keys = "difference", self.metric.unit, 1.0, [pair.key, *filter(None, [pair.baseline_key])]
         n = min(len(self._values[key]) for key in keys)

@@ -100,6 +100,27 @@ def test_runs_without_partner_wait(rng):
     assert "B" in running.text() and "C" not in running.text()
 
 
+def test_a_look_computes_what_has_got_runs(rng, monkeypatch):
+    """The baseline changes every row of its point; the other points stay as they are."""
+    points = [(title, {name: f"{title}{name}" for name in "ABC"}) for title in ("one", "two")]
+    running, computed = RunningComparison(MSE, points, "A", 0.95), []
+    usual = running._compared
+    monkeypatch.setattr(running, "_compared", lambda pair: computed.append(pair.key) or usual(pair))
+    for key in ("oneA", "oneB", "oneC", "twoA", "twoB", "twoC", "twoC"):
+        before, n = running.rows(), len(running._values[key])
+        running.add(key, range(n, n + 5), rng.lognormal(size=5), np.zeros(5))
+        computed.clear()
+        after = running.rows()
+        expected = {"A": ["B", "C"]}.get(key[-1], [key[-1]])
+        assert computed == [key[:-1] + name for name in expected]
+        assert [row for row in after if row.point != key[:-1]] == [row for row in before if row.point != key[:-1]]
+    fresh = RunningComparison(MSE, points, "A", 0.95)
+    for key, values in running._values.items():
+        there = np.flatnonzero(running._there[key])
+        fresh.add(key, there, values[there], np.zeros(len(there)))
+    assert [row.n for row in fresh.rows()] == [5] * 4 and fresh.rows() == running.rows()
+
+
 def test_an_event_that_may_not_occur_has_wins(rng):
     """Ties count half; a failed run loses."""
     info = MetricInfo("m", "s", "lower", may_not_occur=True)
