@@ -36,13 +36,18 @@ _VERBS: dict[str, tuple[str, str]] = {
 
 
 def late_methods() -> None:
-    """Let dataclasses compile a method such as ``__eq__`` when it is first called: 0.1 ms each, before Python 3.13."""
+    """Let dataclasses of the bench compile a method such as ``__eq__`` when it is first called: 0.1 ms each.
+
+    Python 3.13 does not have what is replaced.  Other dataclasses stay as they are: a class of a user may be sent to a
+    worker by value, and a method that is not compiled yet cannot be.
+    """
     usual = getattr(dataclasses, "_create_fn", None)
     if usual is None:
         return
 
     def create(name: str, *arguments: Any, **settings: Any) -> Any:
-        if name == "__init__":
+        module = (settings.get("globals") or {}).get("__name__", "")
+        if name == "__init__" or not module.startswith("rmpc_bench."):
             return usual(name, *arguments, **settings)
         made = cache(lambda: usual(name, *arguments, **settings))
 

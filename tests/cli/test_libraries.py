@@ -78,7 +78,9 @@ def test_a_matplotlib_without_the_name():
 def test_late_methods_of_dataclasses():
     """They are those of a usual dataclass."""
     fresh(
-        "import dataclasses, inspect\n"
+        "import dataclasses, inspect, sys\n"
+        "__name__ = 'rmpc_bench.module'\n"
+        "sys.modules[__name__] = sys.modules['__main__']\n"
         "def made():\n"
         "    @dataclasses.dataclass(frozen=True, order=True)\n"
         "    class Pair:\n"
@@ -93,10 +95,29 @@ def test_late_methods_of_dataclasses():
         "assert one == late(1) != two and one < two <= late(2) and one != usual(1)\n"
         "assert (hash(one), repr(one)) == (hash(usual(1)), repr(usual(1)))\n"
         "assert inspect.signature(late) == inspect.signature(usual)\n"
+        "assert not hasattr(dataclasses, '_create_fn') or late.__eq__.__code__.co_name == 'late'\n"
         "for change in (lambda: setattr(one, 'a', 3), lambda: delattr(one, 'b')):\n"
         "    try:\n"
         "        change()\n"
         "    except dataclasses.FrozenInstanceError:\n"
         "        continue\n"
         "    raise AssertionError\n"
+    )
+
+
+def test_a_dataclass_of_a_user_is_sent_by_value():
+    """As it is without the command line."""
+    fresh(
+        "import pickle\n"
+        "from rmpc_bench.cli import late_methods\n"
+        "from rmpc_bench.components.transport import dumps, loads\n"
+        "late_methods()\n"
+        "from dataclasses import dataclass\n"
+        "def made():\n"
+        "    @dataclass(frozen=True)\n"
+        "    class Level:\n"
+        "        h: float\n"
+        "    return Level(1.5)\n"
+        "data, text = dumps(made()), repr(made())\n"
+        "assert repr(loads(data)) == text\n"
     )
