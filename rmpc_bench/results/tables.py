@@ -306,16 +306,22 @@ def with_timings(trials: Trials, timings: Columns) -> Trials:
     """Return trials with the times per step that follow from a table of `timings`, such as that of an archive."""
     if not n_rows(timings):
         return trials
-    if trials.points:
-        return replace(trials, points=tuple(with_timings(table, timings) for table in trials.points))
-    medians: dict[str, dict[str, float]] = {name: {} for name in trials.notes}
+    paths = [*trials.each[0].point]
+    # Values of the swept paths, and a method -> phase of a component -> median.
+    medians: dict[tuple[tuple[str, ...], str], dict[str, float]] = {}
     for cells in zip(*timings.values(), strict=True):
         row = dict(zip(timings, cells, strict=True))
         phase = "" if row["phase"] == "step" else f", {row['phase']}"
-        if all(str(row[path]) == value for path, value in trials.point.items()):
-            medians.setdefault(row["method"], {})[f"{row['component']}{phase}"] = row["median_s"]
-    notes = {name: replace(each, seconds_per_step=_step_time(medians[name])) for name, each in trials.notes.items()}
-    return replace(trials, notes=notes)
+        at = tuple(str(row[path]) for path in paths)
+        medians.setdefault((at, row["method"]), {})[f"{row['component']}{phase}"] = row["median_s"]
+
+    def noted(table: Trials) -> Trials:
+        at, notes = tuple(table.point[path] for path in paths), dict(table.notes)
+        for name, each in notes.items():
+            notes[name] = replace(each, seconds_per_step=_step_time(medians.get((at, name), {})))
+        return replace(table, notes=notes)
+
+    return replace(trials, points=tuple(map(noted, trials.points))) if trials.points else noted(trials)
 
 
 def _step_time(medians: Mapping[str, float]) -> float | None:
