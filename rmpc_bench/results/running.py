@@ -116,9 +116,12 @@ class RunningComparison:
             for name in [name for name in keys if name != base] or [base]:
                 against = base if name != base else ""
                 self._pairs.append(_Pair(title, name, against, keys[name], keys.get(against, "")))
-        keys_of = {key for pair in self._pairs for key in (pair.key, pair.baseline_key) if key}
-        self._values: dict[str, Array] = {key: np.empty(0) for key in keys_of}
-        self._there: dict[str, Array] = {key: np.empty(0, dtype=bool) for key in keys_of}
+        self._of_key: dict[str, list[_Pair]] = {}
+        for pair in self._pairs:
+            for key in filter(None, {pair.key, pair.baseline_key}):
+                self._of_key.setdefault(key, []).append(pair)
+        self._values: dict[str, Array] = {key: np.empty(0) for key in self._of_key}
+        self._there: dict[str, Array] = {key: np.empty(0, dtype=bool) for key in self._of_key}
         self._known: dict[_Pair, Compared] = {}  # without those that have got a run since they were computed
 
     def add(self, key: str, runs: Sequence[int] | Array, values: Array, status: Array) -> None:
@@ -135,8 +138,8 @@ class RunningComparison:
         values = distance_from_best(np.array(values, dtype=float), self.metric.direction)
         values[np.asarray(status) != Status.OK] = np.nan
         self._values[key][places], self._there[key][places] = values, True
-        for pair in [pair for pair in self._known if key in (pair.key, pair.baseline_key)]:
-            del self._known[pair]
+        for pair in self._of_key[key]:
+            self._known.pop(pair, None)
 
     def rows(self) -> list[Compared]:
         """Return the comparisons of all methods and points so far."""
