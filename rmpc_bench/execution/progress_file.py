@@ -13,7 +13,7 @@ import os
 import platform
 import threading
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -195,10 +195,13 @@ class ProgressFile(Following):
 
     def _count_stored(self, counted: range, tasks: Sequence[Task]) -> None:
         """Count what earlier sessions have stored of some runs, but for those of tasks."""
+        own = defaultdict[tuple[int, str], list[range]](list)
+        for task in tasks:
+            own[task.point, task.method].append(task.runs)
         for column in self._extent.columns:
             runs, status = self._store.statuses(column.key, counted.stop)
-            own = [task.runs for task in tasks if (task.point, task.method) == (column.point, column.method)]
-            inside = (runs >= counted.start) & ~np.isin(runs, np.concatenate([np.empty(0, dtype=int), *own]))
+            again = np.concatenate([np.empty(0, dtype=int), *own.get((column.point, column.method), ())])
+            inside = (runs >= counted.start) & ~np.isin(runs, again)
             if column.metric is not None and np.any(inside):
                 values = self._store.values(column.key, column.metric, runs[inside])
                 self._add(column, status[inside], values)
