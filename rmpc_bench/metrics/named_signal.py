@@ -131,8 +131,11 @@ def _components(letter: str, n: int) -> list[str]:
 def _places(plant: Plant) -> Mapping[str, str]:
     """Return name of a component -> its place; a state goes before an input and an output of the same name."""
     found: dict[str, str] = {}
-    for place, name in sorted(plant.names.items(), key=lambda item: "xuy".index(item[0][0])):
-        found.setdefault(name, place)
+    for letter in ("x", "u", "y"):
+        for place, name in plant.names.items():
+            # A plant of a user may name other things, too.
+            if place.partition(".")[0] == letter:
+                found.setdefault(name, place)
     return found
 
 

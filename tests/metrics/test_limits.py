@@ -122,12 +122,12 @@ class Named(Plant):
     """Two levels, one of them measured under the name of a state, and a pump."""
 
     nx, nu, ny, Ts = 2, 1, 1, 1.0
-    names = {"x.0": "upper", "x.1": "lower", "u.0": "pump", "y.0": "upper"}
+    names = {"w.0": "rain", "x.0": "upper", "x.1": "lower", "u.0": "pump", "y.0": "upper"}
     units = {"x.0": "m", "x.1": "m", "u.0": "l/s", "y.0": "V"}
 
 
 def test_names_of_components():
-    """Oracle: the names; a state goes before an output of the same name."""
+    """Oracle: the names; a state goes before an output of the same name, and what is no signal has no name."""
     layout = MetricLayout(2, plant=Named())
     record = Record.of_run(x=[[1.0, 2.0], [3.0, 8.0], [0.0, 0.0]], y=[5.0, 6.0, 0.0], u=[-7.0, 4.0])
     record = record._replace(experiment=layout)
@@ -135,6 +135,7 @@ def test_names_of_components():
     assert found == {"upper": 3.0, "lower": 8.0, "pump": 7.0, "x": 8.0, "y.0": 6.0, "u": 7.0}
     assert [Largest(of=of).unit(layout) for of in ("upper", "x", "y", "pump")] == ["m", "m", "V", "l/s"]
     only_issue(Largest(of="uper"), layout, "of", r"'uper' is not a known signal; did you mean 'upper'\?")
+    only_issue(Largest(of="rain"), layout, "of", "'rain' is not a known signal")
 
 
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.name)
