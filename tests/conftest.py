@@ -128,19 +128,18 @@ def pytest_collection_modifyitems(config, items):
     """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
     if any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
         return
-    cases = defaultdict(list)
+    cases, marked = defaultdict(list), defaultdict(list)
     for item in items:
-        cases[item.nodeid.partition("[")[0]].append(item)
-    left_out = {*items} - {item for each in cases.values() for item in (each if len(each) < WIDE else by_turn(each))}
-    marked = defaultdict(list)
-    for item in items:
-        for mark in item.iter_markers():
-            if mark.name in FOR_CI and mark.name not in config.option.markexpr:
-                marked[mark.args[0] if mark.args else item.nodeid].append(item)
-    chosen = by_turn([*marked]) if ALL else ()
-    left_out |= {item for name, each in marked.items() if name not in chosen for item in each}
-    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
-    items[:] = [item for item in items if item not in left_out]
+        marks = [each for each in item.iter_markers() if each.name in FOR_CI and each.name not in config.option.markexpr]
+        if marks:
+            marked[next(iter(marks[0].args), item.nodeid)].append(item)
+        else:
+            cases[item.nodeid.partition("[")[0]].append(item)
+    # What is chosen by its mark is not chosen once more by its number among the cases: few would be chosen twice.
+    kept = {item for each in cases.values() for item in (each if len(each) < WIDE else by_turn(each))}
+    kept |= {item for name in (by_turn([*marked]) if ALL else ()) for item in marked[name]}
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = [item for item in items if item in kept]
 
 
 @pytest.hookimpl(tryfirst=True)
