@@ -195,13 +195,16 @@ class _Loader(SourceFileLoader):
         """Private package, with a point, in which the first part of a name lies; empty for what is installed."""
         first = name.partition(".")[0]
         own = self.name if self.is_package(self.name) else self.name.rpartition(".")[0]
-        for parent in dict.fromkeys((self._package.name, own)):
-            # A file with the name of the library that it imports means the library.
-            found = find_spec(f"{parent}.{first}") if f"{parent}.{first}" != self.name else None
-            # As everywhere in Python, a directory without __init__.py counts only where nothing else has its name.
-            if found is not None and (found.loader is not None or find_spec(first) is None):
-                return f"{parent}."
-        return ""
+        # A file with the name of the library that it imports means the library.
+        specs = [
+            find_spec(full)
+            for each in dict.fromkeys((self._package.name, own))
+            if (full := f"{each}.{first}") != self.name
+        ]
+        files = [spec for spec in specs if spec is not None and spec.has_location]
+        # As everywhere in Python, a directory without __init__.py counts only where nothing else has its name.
+        found = files or [spec for spec in specs if spec is not None and find_spec(first) is None]
+        return found[0].name.removesuffix(first) if found else ""
 
 
 def load(reference: CodeReference) -> Any:

@@ -14,7 +14,7 @@ from rmpc_bench.components.source import read_source
 def loaded(directory, name, **files):
     """Write files and load a name of the first one."""
     for stem, text in files.items():
-        path = directory / f"{stem.replace('__', '/')}.py"
+        path = directory / f"{stem}.py"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     first = (directory / f"{next(iter(files))}.py").resolve()
@@ -34,7 +34,8 @@ def test_an_import_at_every_sample_searches_once(tmp_path, monkeypatch):
     """Trap: a search beside the file takes 100 us, a second import of a module less than 1 us."""
     function = loaded(tmp_path, "f", top="def f():\n    import numpy\n    from scipy.linalg import expm\n")
     function()
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: pytest.fail(f"searches for {name}"))
+    for place in ("importlib.util", "rmpc_bench.components.loading"):
+        monkeypatch.setattr(f"{place}.find_spec", lambda name: pytest.fail(f"searches for {name}"))
     function()
 
 
@@ -60,10 +61,12 @@ result = (second.ONE, parts.tank.TANK, tank is other is parts.tank, VALUE, relat
         top=top,
         second="import third\nONE = third.THREE - 2",
         third="THREE = 3",
-        parts__tank="from .deep import inner\nimport second\nTANK = inner.VALUE + second.ONE",
-        parts__deep__inner="VALUE = 10",
-        parts__deep____init__="",
         late="LATE = 'late'",
+        **{
+            "parts/tank": "from .deep import inner\nimport second\nTANK = inner.VALUE + second.ONE",
+            "parts/deep/inner": "VALUE = 10",
+            "parts/deep/__init__": "",
+        },
     )
     assert result == (1, 11, True, 10, True, 1)
     assert loaded(tmp_path, "f", top=top)() == ("late", 10)
@@ -96,6 +99,15 @@ def test_a_directory_without_init_counts_after_installed_packages(tmp_path):
     """As everywhere in Python: a directory of data named numpy hides nothing."""
     (tmp_path / "numpy").mkdir()
     assert loaded(tmp_path, "value", top="import numpy\nvalue = numpy.ones(1)[0]") == 1.0
+
+
+def test_a_directory_without_init_counts_after_files(tmp_path):
+    """Also after a file beside one in a package, which is what the hash has, and where it is a module already."""
+    files = {"parts/__init__": "", "parts/one": "import data\nN = data.N", "parts/data": "N = 1", "data/notes": ""}
+    assert loaded(tmp_path, "N", top="from parts.one import N", **files) == 1
+    assert tmp_path / "parts" / "data.py" in [each.path for each in read_source(tmp_path / "top.py").files]
+    files = {"second": "import colorsys\nfound = hasattr(colorsys, 'rgb_to_hls')", "colorsys/mine": "X = 1"}
+    assert loaded(tmp_path, "found", first="from .colorsys import mine\nfrom second import found", **files)
 
 
 def test_an_edit_counts_at_once_and_old_objects_stay(tmp_path):
