@@ -128,14 +128,15 @@ def pytest_collection_modifyitems(config, items):
     """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
     if any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
         return
+    names = [name for name in FOR_CI if name not in config.option.markexpr]
     cases, marked = defaultdict(list), defaultdict(list)
     for item in items:
-        marks = [each for each in item.iter_markers() if each.name in FOR_CI and each.name not in config.option.markexpr]
+        marks = [mark for mark in item.iter_markers() if mark.name in names]
         if marks:
             marked[next(iter(marks[0].args), item.nodeid)].append(item)
         else:
             cases[item.nodeid.partition("[")[0]].append(item)
-    # What is chosen by its mark is not chosen once more by its number among the cases: few would be chosen twice.
+    # A mark and a number among the cases would choose few tests in the same turn.
     kept = {item for each in cases.values() for item in (each if len(each) < WIDE else by_turn(each))}
     kept |= {item for name in (by_turn([*marked]) if ALL else ()) for item in marked[name]}
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])

@@ -64,7 +64,10 @@ def ask(files, connection=None, **keys):
     request = json.dumps({"cwd": os.getcwd(), "environ": dict(os.environ), **keys}).encode()
     socket.send_fds(connection, [len(request).to_bytes(8)], files)
     connection.sendall(request)
-    return int.from_bytes(connection.recv(8), signed=True)
+    answer = connection.recv(8)
+    if not answer:
+        raise ConnectionError("the process that forks has ended")
+    return int.from_bytes(answer, signed=True)
 
 
 @cache

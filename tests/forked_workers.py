@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from contextlib import ExitStack
 from fcntl import F_DUPFD, fcntl
 from importlib import import_module
@@ -29,6 +30,8 @@ ADOPTING = 36
 """PR_SET_CHILD_SUBREAPER of Linux: a process whose parent ends becomes a child of this one."""
 HIGH = 900
 """Open files from this number on are out of the way of those that a worker is given."""
+LONGEST = 60.0
+"""Time in which a worker becomes a child of the process that asks for it [s]; it ends if that has ended."""
 
 
 class Forks:
@@ -61,7 +64,11 @@ def _start(module, stdin, stdout, stderr, *, given=None, inherited=(), session=F
         adopt(ADOPTING, 1, 0, 0, 0)
         opened.callback(adopt, ADOPTING, 0, 0, 0, 0)
         request = {"numbers": [0, 1, 2, *inherited], "given": given, "path": sys.path, "session": session}
-        return Forked(forked_commands.ask([*files, *inherited], module=module, **request), ours)
+        number = forked_commands.ask([*files, *inherited], module=module, **request)
+        # A signal to the number 0 would reach every process of this group.
+        if not number:
+            raise OSError("no worker could be forked")
+        return Forked(number, ours)
 
 
 def _opened(number, stream):
@@ -89,11 +96,13 @@ def fork(request, files):
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        worker = os.fork()
-        if worker == 0:
-            _work(request, files)
-        os.write(writing, worker.to_bytes(8))
-        os._exit(0)
+        try:
+            worker = os.fork()
+            if worker == 0:
+                _work(request, files)
+            os.write(writing, worker.to_bytes(8))
+        finally:
+            os._exit(0)
     os.close(writing)
     os.waitpid(child, 0)
     with open(reading, "rb") as answer:
@@ -119,10 +128,13 @@ def _work(request, files):
         sys.path[:], sys.argv = request["path"], ["-c", json.dumps([request["path"], request["given"]])]
         random.seed()
         import_module("numpy").random.seed()
-        while os.getppid() != request["given"]["parent"]:
+        end = time.monotonic() + LONGEST
+        while os.getppid() != request["given"]["parent"] and time.monotonic() < end:
             time.sleep(0.0005)
         if request["session"]:
             os.setsid()
         import_module(request["module"]).main(**request["given"])
+    except BaseException:
+        traceback.print_exc()
     finally:
         os._exit(1)
