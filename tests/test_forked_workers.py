@@ -48,14 +48,14 @@ def test_it_is_the_same_as_in_a_new_interpreter(probe, session):
             out, err = process.communicate(b"asked", 60.0)
         kept = os.read(reading, 8)
         os.close(reading)
-        told = json.loads(out)
+        answer = json.loads(out)
         # A group of its own has its own number.
-        assert (told.pop("group") == process.pid) == session
-        argument, names = json.loads(told.pop("argument")), told.pop("variables")
+        assert (answer.pop("group") == process.pid) == session
+        argument, names = json.loads(answer.pop("argument")), answer.pop("variables")
         names.pop("_", None), names.pop("LC_CTYPE", None)
-        told["files"] = len(told["files"])
+        answer["files"] = len(answer["files"])
         argument[1].pop("kept")
-        found.append((told, argument, names, err, kept, process.returncode))
+        found.append((answer, argument, names, err, kept, process.returncode))
         with pytest.raises(ChildProcessError):
             os.waitpid(process.pid, os.WNOHANG)
     assert found[0] == found[1] and found[0][0]["read"] == "asked"

@@ -62,7 +62,8 @@ def _check_of(group: str) -> Callable[..., Report]:
     def checked(component: Any, **options: Any) -> Report:
         return check(component, group, **options)
 
-    checked.__name__ = f"check_{registry.singular(group)}"
+    # By this name it is found again when it is sent to another process.
+    checked.__name__ = checked.__qualname__ = f"check_{registry.singular(group)}"
     checked.__doc__ = f"Check {a_component(group)}; see `check` for the options."
     return checked
 

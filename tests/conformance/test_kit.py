@@ -1,6 +1,7 @@
 """The kit names what is wrong with a component, whatever the component does."""
 
 import os
+import pickle
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -216,6 +217,12 @@ def test_a_local_class_is_sent_by_value():
 
     [failed] = check_estimator(Local).failed
     assert failed.id == "no-exception" and "local" in failed.reason
+
+
+def test_a_function_of_the_kit_has_its_name():
+    """So that a pool of processes can call it."""
+    assert pickle.loads(pickle.dumps(check_estimator)) is check_estimator
+    assert check_estimator.__doc__ == "Check an estimator; see `check` for the options."
 
 
 # -- the command line --------------------------------------------------------------------------------------------------
