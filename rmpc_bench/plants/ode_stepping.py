@@ -218,7 +218,8 @@ def advance_runs(
 
 def rows_where(condition: Any) -> list[int]:
     """Return the places of true entries."""
-    return list(map(int, np.flatnonzero(condition)))
+    places: list[int] = np.flatnonzero(condition).tolist()
+    return places
 
 
 def parameters_of(ode: Ode, numbers: Float[Array, " n_parameters"]) -> Parameters:
