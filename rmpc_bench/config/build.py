@@ -212,10 +212,11 @@ class _ExperimentBuilder:
         layout = MetricLayout(
             self.n_steps, time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r, time.unit
         )
-        made = [self.draft.problems.tried(_metric, each, layout) for each in self.draft.metrics if each is not None]
+        tried = self.draft.problems.tried
+        made = [None if each is None else tried(_metric, each, layout) for each in self.draft.metrics]
         self.calibration = _calibration(self.draft, plant.nx)
         for component in self.calibration:
-            made.append(self.draft.problems.tried(_metric, component, layout))
+            made.append(tried(_metric, component, layout))
             if made[-1] is None:
                 # The others have the same error.
                 break

@@ -315,6 +315,7 @@ class DraftConfig:
                 found.append(self.component(group, Map(mark=locate(self.tree, path)), path, kind=entry))
             else:
                 self.note(path, registry.unknown_kind(entry, group))
+                found.append(None)
         return found
 
 

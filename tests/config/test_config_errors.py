@@ -175,6 +175,12 @@ def test_an_error_of_one_method_is_reported_at_the_method(mistakes):
     assert [each[2:] for each in found] == [("methods.b.controller.Hu", "must be at most Hp = 10 (got 11)")]
 
 
+def test_an_invalid_metric_counts_among_the_others(mistakes):
+    """Oracle: the third metric has the name of the first, whatever is wrong with the second."""
+    found = mistakes(metrics="[mse, nosuch, mse]")
+    assert [each[2] for each in found] == ["metrics.1", "metrics.2"]
+
+
 def test_all_mistakes_at_once_sorted_by_place(mistakes):
     """Mistakes of schema, names, designs and claims, from the first line to the last."""
     found = mistakes(
