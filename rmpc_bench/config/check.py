@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -22,13 +22,28 @@ from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, has_bursts
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Problem, ResultLayout
+from rmpc_bench.types import MetricInfo, Problem, ResultLayout
 from rmpc_bench.types.errors import nearest
 from rmpc_bench.types.metric import AdjustKeys
 
 _METRIC = "metric of this configuration"
 _Row = tuple[str, ...]
 _NAMED = 3  # keys that the message on a path without effect names
+
+
+class Quantities(NamedTuple):
+    """Metrics and random quantities that the section `statistics` may name."""
+
+    metrics: Sequence[MetricInfo]
+    names: Sequence[str]  # of the uncertain quantities
+    laws: Mapping[str, Mapping[str, Any]]  # quantity that is drawn alone -> the keys of its law
+    of_bursts: Sequence[str] = ()  # names of the quantities of random bursts
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> Quantities:
+        """Return those of an experiment."""
+        scenario = experiment.scenario
+        return cls(experiment.metric_infos, scenario.quantities, independent_laws(experiment), scenario.burst_names)
 
 
 class Checked(NamedTuple):
@@ -53,7 +68,7 @@ def check(sweep: Sweep, drafts: Sequence[DraftConfig], built: Sequence[Built], *
     claims = read_claims(checked, layout)
     check_figures(checked, layout)
     check_report(checked, layout)
-    checked = check_statistics(checked, layout, None if points[0] is None else points[0].experiment)
+    checked = check_statistics(checked, layout, None if points[0] is None else Quantities.of(points[0].experiment))
     _check_stop(checked)
     draft, claims = leave_out(checked, claims, first.problems)
     for each, point in zip(drafts, points, strict=True):
@@ -84,10 +99,11 @@ def check_report(draft: DraftConfig, layout: ResultLayout) -> None:
                 draft.note(["report", key, number], unknown(name, known, noun))
 
 
-def check_statistics(draft: DraftConfig, layout: ResultLayout, experiment: Experiment | None) -> DraftConfig:
+def check_statistics(draft: DraftConfig, layout: ResultLayout, quantities: Quantities | None) -> DraftConfig:
     """Check the section of the first draft; return it with the defaults of inherited names that do not exist.
 
-    Its names are read from the tree, whether or not its values are valid.
+    Its names are read from the tree, whether or not its values are valid.  The quantities are None where they are not
+    known.
     """
     given = draft.tree.get("statistics")
     if isinstance(given, Map):
@@ -103,10 +119,10 @@ def check_statistics(draft: DraftConfig, layout: ResultLayout, experiment: Exper
             path += [] if isinstance(statistics.requirement, str) else [place]
             draft.note(path, f"column {error.column} of {text!r}: {error.message}")
     _check_two_way(draft, statistics)
-    if experiment is None:
+    if quantities is None:
         return draft
-    _check_metric(draft, statistics, experiment)
-    return _with_known_quantities(draft, statistics, experiment)
+    _check_metric(draft, statistics, quantities.metrics)
+    return _with_known_quantities(draft, statistics, quantities)
 
 
 def _with_known_names(draft: DraftConfig, given: Map, layout: ResultLayout) -> DraftConfig:
@@ -150,9 +166,8 @@ def _check_two_way(draft: DraftConfig, statistics: Statistics) -> None:
                 draft.note(at, unknown(name, known, f"{axis} in the names of methods"))
 
 
-def _check_metric(draft: DraftConfig, statistics: Statistics, experiment: Experiment) -> None:
+def _check_metric(draft: DraftConfig, statistics: Statistics, infos: Sequence[MetricInfo]) -> None:
     """Refuse ranks and lost runs by a metric that does not fit."""
-    infos = experiment.metric_infos
     info = next((each for each in infos if each.name == (statistics.primary or infos[0].name)), None)
     if info is None:
         return
@@ -165,13 +180,13 @@ def _check_metric(draft: DraftConfig, statistics: Statistics, experiment: Experi
         draft.note(["statistics", "lost"], f"{message}; choose another metric with statistics.primary")
 
 
-def _with_known_quantities(draft: DraftConfig, statistics: Statistics, experiment: Experiment) -> DraftConfig:
+def _with_known_quantities(draft: DraftConfig, statistics: Statistics, quantities: Quantities) -> DraftConfig:
     """Refuse quantities that averages cannot be adjusted for; inherited ones that do not exist are left out."""
     adjust, path = statistics.adjust, list[str | int](["statistics", "adjust"])
     path += ["for"] if isinstance(adjust, AdjustKeys) else []
     names = adjust.for_ if isinstance(adjust, AdjustKeys) else [] if isinstance(adjust, str) else adjust
-    laws, gone = independent_laws(experiment), list[str]()
-    known = dict.fromkeys([*experiment.scenario.quantities, *laws])
+    laws, gone = quantities.laws, list[str]()
+    known = dict.fromkeys([*quantities.names, *laws])
     if names == [] and not isinstance(adjust, str):
         draft.note(path, "must name at least one quantity; `none` adjusts for nothing")
     for place, name in enumerate(names or ()):
@@ -180,7 +195,7 @@ def _with_known_quantities(draft: DraftConfig, statistics: Statistics, experimen
             draft.note([*path, place], f"names {name!r} twice; name each once")
         elif dist in ("uniform", "choice", "normal", "fixed"):
             continue
-        elif name in known or name in experiment.scenario.burst_names:
+        elif name in known or name in quantities.of_bursts:
             no_law = "has no independent law that is known"
             why = f"has a {dist} law, for which there are no polynomials" if dist else no_law
             draft.note([*path, place], f"{name} {why}")

@@ -20,7 +20,7 @@ import numpy as np
 import rmpc_bench
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.experiment_config import headline_of
-from rmpc_bench.config.identity import code_version, digest, law_data, set_keys
+from rmpc_bench.config.identity import code_version, digest, set_keys
 from rmpc_bench.config.statistics import read_requirement
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
@@ -29,7 +29,6 @@ from rmpc_bench.importing.doubts import read_runs
 from rmpc_bench.importing.runs import OK, Runs
 from rmpc_bench.importing.settings import Options, Settings
 from rmpc_bench.installed import version_of
-from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.received.plain_files import StoreError
 from rmpc_bench.received.run_table import FRAME, MAX_NAMED, Table
 from rmpc_bench.received.store import FILE as STORE
@@ -160,7 +159,7 @@ def _point(settings: Settings, runs: Runs, number: int, key: str) -> StoredPoint
         uncertainty_key=digest([key, number]),
         uncertainty=tuple(runs.parameters),
         random_besides=None if besides is None else tuple(besides),
-        laws={name: law_data(law) for name, law in draft.uncertainty.scaled.items() if isinstance(law, Distribution)},
+        laws=settings.laws,
     )
 
 

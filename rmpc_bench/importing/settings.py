@@ -6,23 +6,24 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 from annotated_types import Len
 from pydantic import AfterValidator
 
 from rmpc_bench.claims.claim import Claim
-from rmpc_bench.config.check import check_report, check_statistics
+from rmpc_bench.config.check import Quantities, check_report, check_statistics
 from rmpc_bench.config.claim_keys import ClaimKeys
 from rmpc_bench.config.claims import check_figures, read_claims
 from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.identity import law_data
 from rmpc_bench.config.noise import read_uncertainty, uncertain_names
 from rmpc_bench.config.sections import SECTIONS
 from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config_file.mapping import canonical_text
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, plain
 from rmpc_bench.config_file.yaml import load, parse
+from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.received.names import wrong_label, wrong_metric
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, MetricInfo, Problem, ResultLayout
@@ -159,6 +160,12 @@ class Settings:
         assert self.draft.keys.statistics is not None
         return self.draft.keys.statistics
 
+    @property
+    def laws(self) -> dict[str, dict[str, Any]]:
+        """Keys of the laws of the uncertain quantities that are drawn alone."""
+        laws = self.draft.uncertainty.scaled
+        return {name: law_data(law) for name, law in laws.items() if isinstance(law, Distribution)}
+
     def refuse_pairs(self) -> None:
         """Refuse what only runs in pairs have."""
         tree = self.draft.tree
@@ -189,10 +196,7 @@ class Settings:
         self.claims: tuple[Claim, ...] = read_claims(draft, layout)
         check_figures(draft, layout)
         check_report(draft, layout)
-        laws, quantities = draft.uncertainty.scaled, tuple(self.quantities)
-        scenario = SimpleNamespace(uncertainty=laws, quantities=quantities, burst_names=())
-        experiment = SimpleNamespace(metric_infos=tuple(infos), scenario=scenario, plant=SimpleNamespace(laws=dict))
-        check_statistics(draft, layout, cast(Any, experiment))
+        check_statistics(draft, layout, Quantities(infos, self.quantities, self.laws))
 
     def used(self, infos: Sequence[MetricInfo], methods: Sequence[str]) -> dict[str, Any]:
         """Return the settings as they were used, which `import_runs` takes again."""
