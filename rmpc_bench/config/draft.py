@@ -1,7 +1,7 @@
 """A configuration while it is validated and built: its sections, None where one has an error, and the noise `same`.
 
 No stage changes a section: it returns a draft with others.  Only what is found on the way (problems, warnings, what is
-left out) is collected.
+left out) is collected, in lists that a draft and those made of it share.
 """
 
 from __future__ import annotations

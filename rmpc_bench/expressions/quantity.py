@@ -55,6 +55,7 @@ _SPREAD = re.compile(r"\s*(?:\+\s*-|±)")
 
 
 _REFUSED: ContextVar[Mapping[str, str]] = ContextVar("_REFUSED", default=MappingProxyType({}))
+"""Names of `refusing`; validators of pydantic, which read most quantities, take no further argument."""
 
 
 @contextmanager
