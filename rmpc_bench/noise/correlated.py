@@ -33,6 +33,7 @@ z_k \sim \mathcal{N}(0, \Sigma), \quad a = e^{-T_s / \tau}""",
 }
 
 
+@dataclass(frozen=True, eq=False)
 class Drift(FromNormal):
     """Random walk whose increments are root z; its mean is the value at k = 0."""
 

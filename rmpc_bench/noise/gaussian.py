@@ -61,6 +61,7 @@ class FromNormal(CenteredNoise):
         return np.einsum("ij,kj->ki", self.root, z)
 
 
+@dataclass(frozen=True, eq=False)
 class Gaussian(FromNormal):
     """Normal noise mean + root z."""
 
