@@ -177,9 +177,8 @@ def surface_for(values: Array) -> Surface | None:
 def shares(values: Array, responses: Array, surface: Surface, confidence: float, seed: int) -> Shares:
     """Compute the share of every quantity, and of the rest, in the variance of every one of the (n, responses)."""
     A = surface.columns(values)
-    # Responses of one size, so that the sums of squares of the fit lose no digits.
-    y = responses - responses.mean(axis=0)
-    y = y / np.sqrt((y**2).mean(axis=0))
+    # Of one size, so that the sums of squares of the fit lose no digits; the given ones need not stay in memory.
+    y = responses = standardised(responses)
     kept = [surface.without(i) for i in range(values.shape[1])]
     value = _shares(A, y, np.ones((1, len(y))), kept)[0]
     if A.size * A.shape[1] > WORK:
