@@ -18,7 +18,7 @@ from rmpc_bench.analysis.result_rows import (
     ResultRow,
     ResultTable,
 )
-from rmpc_bench.analysis.shown_numbers import is_per_cent, mean_text
+from rmpc_bench.analysis.shown_numbers import is_per_cent
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.figures.labels import joined
@@ -130,7 +130,7 @@ def _alone(table: ResultTable) -> str:
         parts = [f"{row.n_occurred} of {row.n} runs of {row.method} have a {table.quantity}" for row in rows]
         return f"{joined(parts)}."
     unit = f" {table.info.unit}" if table.info.unit else ""
-    parts = [f"{mean_text(row.mean)}{unit} for {row.method}" for row in rows]
+    parts = [f"{table.mean_text(row)}{unit} for {row.method}" for row in rows]
     return f"The mean {table.info.words} is {joined(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
 
 
