@@ -63,8 +63,8 @@ hypothesis.settings.load_profile("untimed")
 
 WIDE = 5
 """Number of cases from which on a function has many."""
-FOR_CI = ("page", "kill")
-"""Marks of tests that take long: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
+FOR_CI = ("page", "kill", "long")
+"""Marks of tests that take time: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -131,8 +131,9 @@ def pytest_collection_modifyitems(config, items):
     names = [name for name in FOR_CI if name not in config.option.markexpr]
     cases, marked = defaultdict(list), defaultdict(list)
     for item in items:
-        marks = [mark for mark in item.iter_markers() if mark.name in names]
-        if marks:
+        marks = [mark for mark in item.iter_markers() if mark.name in (*names, "slow")]
+        # What is slow runs where it is asked for only.
+        if marks and all(mark.name != "slow" for mark in marks):
             marked[next(iter(marks[0].args), item.nodeid)].append(item)
         else:
             cases[item.nodeid.partition("[")[0]].append(item)

@@ -55,6 +55,7 @@ def test_names_without_a_checkout(installed, tmp_path):
     assert done.returncode == 0 and str(installed) in done.stdout.splitlines()[0]
 
 
+@pytest.mark.long
 def test_quickstart_without_a_checkout(installed, tmp_path):
     """By its name; the results are in the current directory, and the installation gets no file but bytecode."""
     before = {path for path in installed.rglob("*") if path.is_file()}

@@ -16,13 +16,14 @@ class Item:
 
 
 PAGES = [SimpleNamespace(name="page", args=(f"page {number}",)) for number in range(9)]
-KILL = SimpleNamespace(name="kill", args=())
+KILL, SLOW = (SimpleNamespace(name=name, args=()) for name in ("kill", "slow"))
 TESTS = [Item(f"a::wide[{number}]") for number in range(13)]
 TESTS += [Item(f"a::narrow[{number}]") for number in range(conftest.WIDE - 1)]
 # The order of the cases differs from that of the pages.
 TESTS += [Item(f"b::page[{number}]", PAGES[number]) for number in (3, 0, 1, 2, 4, 5, 6, 7, 8)]
 TESTS += [Item(f"c::one[{number}]", PAGES[0]) for number in range(7)]
 TESTS += [Item(f"d::mixed[{number}]", *[KILL] * (number % 3 == 0)) for number in range(11)]
+TESTS += [Item(f"e::slow[{number}]", KILL, *[SLOW] * number) for number in range(2)]
 
 
 def chosen(monkeypatch, every, turn, *, marked=True, args=("tests",), markexpr="not slow and not perf"):
@@ -50,7 +51,9 @@ def test_five_turns_run_every_test(monkeypatch):
 
 def test_without_marks_and_all_of_them(monkeypatch):
     default = chosen(monkeypatch, 10, 0, marked=False)
-    assert not any(name.startswith(("b", "c")) for name in default) and "a::wide[10]" in default
+    assert not any(name.startswith(("b", "c", "e::slow[0]")) for name in default) and "a::wide[10]" in default
+    # `-m slow` selects afterwards.
+    assert "e::slow[1]" in chosen(monkeypatch, 10, 0, marked=False, markexpr="slow")
     assert (
         chosen(monkeypatch, 1, 3)
         == chosen(monkeypatch, 10, 0, args=["tests/test_a.py"])

@@ -63,6 +63,7 @@ def design_model(found):
     return given["model"], given.get("x0"), given.get("P0")
 
 
+@pytest.mark.long
 def test_filterpy(tmp_path):
     """In deviations with constant matrices, and with the constant parts in the functions of sigma points."""
     pytest.importorskip("filterpy")
@@ -131,6 +132,7 @@ def kf(model, run):
 """
 
 
+@pytest.mark.long
 def test_stone_soup(tmp_path):
     """A filter in deviations, with times of its own."""
     pytest.importorskip("stonesoup")
@@ -194,6 +196,7 @@ def mhe(model, P0, run, Ne: int = 6):
 """
 
 
+@pytest.mark.long
 def test_do_mpc(tmp_path):
     """The MPC alone on the estimates of the run; the MHE of a window as long as the run is the Kalman filter.
 
@@ -254,6 +257,7 @@ def law(model):
 '''
 
 
+@pytest.mark.long
 def test_explicit_mpc(tmp_path):
     """Oracle: the affine law of two regions, in deviations; a run whose estimate leaves both is infeasible."""
     driven = "reference: {kind: constant, value: [1.0, 2.0]}\ncontroller: {kind: mpc, Hp: 4, Hu: 2, Q: 1, R: 0.1}"
@@ -381,6 +385,7 @@ def plants(library, own):
     ("library", "source", "atol"),
     [("control", CONTROL, 1e-7), ("casadi", CASADI, 1e-7), ("scipy", SCIPY, 1e-12), ("gymnasium", GYMNASIUM, 1e-14)],
 )
+@pytest.mark.long
 def test_plants(library, source, atol, tmp_path):
     """x(k+1) of the library from the state of the sample before, with the noise and the parameter of the run.
 

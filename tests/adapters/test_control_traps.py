@@ -133,6 +133,7 @@ def experiment(directory, plant_keys, **changes):
 
 
 @pytest.mark.parametrize("block", [2, 5])
+@pytest.mark.long
 def test_lambdas_reach_the_workers(block, tmp_path):
     """A system with lambdas cannot be pickled; workers load it by its path: same bytes for any workers and blocks."""
     import pickle

@@ -212,6 +212,7 @@ def test_another_time_step_of_a_filter_is_said():
     assert kept(ukf, Ts=TS, dt=1.0) == {f"UnscentedKalmanFilter has dt = 1.0, the sampling time is {TS} s"}
 
 
+@pytest.mark.long
 def test_remarks_on_defaults_reach_check_and_run(tmp_path):
     """With the names of the methods; `check --component` has them, too."""
     (tmp_path / "own.py").write_text(OWN)

@@ -237,6 +237,7 @@ def test_a_configuration_with_a_unit(tmp_path):
     assert tables[0].equals(tables[1])
 
 
+@pytest.mark.long
 def test_extracted_files_are_removed_at_the_end_of_a_process(tmp_path):
     """The library of a unit is extracted once per process, of workers as well."""
     build(tmp_path / "unit", 2)

@@ -180,6 +180,7 @@ def test_hedges(trials, checks, holds_for, finding):
 
 
 @pytest.mark.parametrize(("holds_for", "n_true", "failing", "level"), [("any", 0, 8, 0.31), ("most", 4, 4, 0.63)])
+@pytest.mark.long
 def test_cases_share_their_error(make_trials, holds_for, n_true, failing, level):
     """Of eight cases without any effect one "improves" in at most 2.5 % of experiments, not in 18 %."""
     rng = np.random.default_rng(12)

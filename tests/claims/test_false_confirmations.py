@@ -176,6 +176,7 @@ def test_some_claims_at_the_border(n, check):
 
 
 @pytest.mark.parametrize("n", [2, 20])
+@pytest.mark.long
 def test_few_values(n):
     """What few runs do not show confirms nothing; the slow tests have more runs and experiments."""
     trials = few_valued(n, 100)

@@ -65,6 +65,7 @@ def test_a_missing_file(tmp_path):
 
 
 @pytest.mark.parametrize("mistake", ["negative c", "alias bomb", "tag"])
+@pytest.mark.long
 def test_a_wrong_configuration_in_a_process(tmp_path, mistake):
     """The installed program reports the same."""
     content, message = WRONG[mistake]
@@ -160,6 +161,7 @@ def test_several_files(tmp_path):
     assert [line.split(":")[0] for line in result.stderr.splitlines()] == [str(wrong), str(tmp_path / "none.yaml")]
 
 
+@pytest.mark.long
 def test_deep(tmp_path):
     """What it adds stands below what is printed anyhow, warnings included; the exit code does not change."""
     methods = "{S-MPC: {estimator: {kind: kalman}}, R-MPC: {estimator: {kind: robust-kalman, c: 0.1}}}"
@@ -178,6 +180,7 @@ def test_deep(tmp_path):
     assert all(line == "" or line.startswith("  ") for line in added.splitlines())
 
 
+@pytest.mark.long
 def test_deep_looks_at_every_point_of_a_sweep(tmp_path):
     """Each under its coordinates; what the tables mean stands once, at the end."""
     sweep = "{grid: {controller.Hu: [3, 8]}}"
@@ -191,6 +194,7 @@ def test_deep_looks_at_every_point_of_a_sweep(tmp_path):
     assert words.endswith("With `kl: printed`, c is compared with twice (10).")
 
 
+@pytest.mark.long
 def test_only_deep_imports_what_it_needs(tmp_path):
     """Neither the code of the analysis nor anything heavy is loaded by plain `check`; `--deep` stays light, too."""
     program = (

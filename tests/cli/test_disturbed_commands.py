@@ -62,6 +62,7 @@ def ended(process):
     return process.returncode, err
 
 
+@pytest.mark.long
 def test_writers_that_start_at_once(tmp_path):
     """In a new directory one computes everything; every other one is refused, or comes later and has nothing to do."""
     path = write(tmp_path, 0.05, runs=20)
@@ -74,6 +75,7 @@ def test_writers_that_start_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("size", [0, 30_000, pytest.param(80_000, marks=pytest.mark.slow)])
+@pytest.mark.long
 def test_a_full_disk(tmp_path, size):
     """Before the first trial, and in the report: exit 74 in a few lines, and with room the same command ends well."""
     path = write_keys(tmp_path, figures="[boxplot]")
@@ -115,6 +117,7 @@ def test_kills_at_random_moments(tmp_path, n_kills):
 
 
 @pytest.mark.parametrize("n_seeds", [2, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.long
 def test_hash_seeds(tmp_path, n_seeds):
     """No file of the results depends on the order of sets."""
     path = write_keys(tmp_path, runs=12, figures="[boxplot, rows]")

@@ -27,6 +27,7 @@ VARIANCE = "{kind: signals, signals: [variance]}"
 
 
 @pytest.mark.parametrize("name", ["souto2011/fig4.yaml", "souto2011/guarantee.yaml", "benchmarks/souto2011.yaml"])
+@pytest.mark.long
 def test_check_stays_light(name):
     """Oracle: the modules of a process; no compiler, pandas or matplotlib, with moments and an adversary."""
     command = [sys.executable, "-c", IMPORTED, "check", str(CONFIGS / name)]
@@ -42,6 +43,7 @@ DEEP = [
 
 
 @pytest.mark.parametrize("path", DEEP)
+@pytest.mark.long
 def test_deep(path):
     """It looks at every point without a failure, and does not claim that there are laws of control."""
     result = cli("check", "--deep", path)

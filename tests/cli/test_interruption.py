@@ -137,6 +137,7 @@ def gone(group, seconds=10.0):
         time.sleep(0.05)
 
 
+@pytest.mark.long
 def test_a_full_disk(tmp_path, uninterrupted):
     """Exit 74 in one line, the store is sound and holds what was finished, and with room it goes on."""
     path = write(tmp_path, **KEYS, record="{runs: all}")
@@ -154,6 +155,7 @@ def test_a_full_disk(tmp_path, uninterrupted):
     assert again(path) == uninterrupted
 
 
+@pytest.mark.long
 def test_a_second_process(tmp_path, uninterrupted):
     """It is refused with exit 5 while the first one works, and the first does not notice."""
     path = write(tmp_path, **KEYS)

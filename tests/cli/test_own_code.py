@@ -130,6 +130,7 @@ def test_list_and_describe_without_files(here):
     assert "robust-kalman" in cli("describe", "estimators/robust-kalman").stdout
 
 
+@pytest.mark.long
 def test_run_with_files_of_every_kind(here):
     """Tables and figures are written; the screen names the files once."""
     path = write(

@@ -116,6 +116,7 @@ def test_the_time_per_step_is_a_column_on_demand(done):
 
 
 @pytest.mark.parametrize("method", ["KF", "good", "holds", "warns"])
+@pytest.mark.long
 def test_a_replay_is_bit_for_bit_as_stored(done, method):
     again = rmpc_bench.replay(done[0], 3, method)
     assert (again.status, again.stored_status, again.differing) == ("ok", "ok", {})
@@ -159,6 +160,7 @@ def test_a_difference_is_found(done, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["csv", "npz", "mat"])
+@pytest.mark.long
 def test_exports_have_the_trace(done, tmp_path, ending):
     file = tmp_path / f"trace.{ending}"
     assert show(done[0], "--run", "1", "--method", "good", "--export", str(file)).exit_code == 0
@@ -203,6 +205,7 @@ def test_a_wrong_option_is_explained(done, arguments, text):
         (["--run", "1", "--method", "good", "--until", "3"], "c\n", ["run 1 of good: ok"]),
     ],
 )
+@pytest.mark.long
 def test_the_debugger_stops_in_the_users_frame(done, arguments, typed, expected):
     command = [sys.executable, "-m", "rmpc_bench", "show", str(done[0]), *arguments, "--pdb"]
     shown = subprocess.run(command, input=typed, capture_output=True, text=True)

@@ -25,6 +25,7 @@ def shell(command, directory, **environment):
 
 
 @pytest.mark.parametrize("streams", [">&- 2>&- <&-", "2> >(true) | true", "2>/dev/full"])
+@pytest.mark.long
 def test_run_without_a_reader(tmp_path, streams):
     """The results are complete, and exit code 0."""
     path = write(tmp_path, runs=2)

@@ -126,6 +126,7 @@ def test_a_smoke_run_of_a_sweep(here):
 @pytest.mark.parametrize(
     "options", [[], ["--smoke"], ["--only", "R-MPC"], ["--runs", "3", "-s", f'sweep.grid."{HP}"=[8, 9]']], ids=" ".join
 )
+@pytest.mark.long
 def test_report_writes_the_same_bytes(here, monkeypatch, options):
     """From what is stored and the configuration that was kept; nothing is simulated."""
     path = write(here, sweep=SWEEP, record="{runs: 2}", claims=f"[{CLAIMS[0]}]", smoke="{runs: 2, steps: 5}")

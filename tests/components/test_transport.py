@@ -90,6 +90,7 @@ def registered(monkeypatch):
     registry.register("estimator", "registered", scope["Own"])
 
 
+@pytest.mark.long
 def test_two_workers_give_the_bytes_of_one(tmp_path, registered):
     """Neighbours, lambdas, a lock, a local class, a class of a notebook: whatever the block."""
     path = write(tmp_path, FILES, **KEYS)

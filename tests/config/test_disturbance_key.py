@@ -109,6 +109,7 @@ def test_where_the_estimator_starts(tmp_path):
                 np.testing.assert_allclose(found[:4, :4], P, rtol=1e-15)
 
 
+@pytest.mark.long
 def test_run_record_and_figures(tmp_path):
     """One worker or two: the same bytes; d_hat is recorded of the method that has it."""
     path = write(tmp_path)

@@ -147,6 +147,7 @@ def test_a_nonlinear_model_with_an_operating_point_serves_linear_methods(load):
     np.testing.assert_array_equal(found.estimator.f, expected.estimator.f)
 
 
+@pytest.mark.long
 def test_check_prints_the_operating_point(load):
     """With residual, eigenvalues, poles and ranks; --deep builds the model once more."""
     path = load().path

@@ -51,7 +51,7 @@ def mutated(text, rng):
     return text
 
 
-@pytest.mark.parametrize("n", [150, pytest.param(1500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [pytest.param(150, marks=pytest.mark.long), pytest.param(1500, marks=pytest.mark.slow)])
 def test_random_mistakes(tmp_path, n):
     """Whatever is wrong, `run --dry-run` ends with 0 or 2, and with words on stderr if it is 2."""
     rng = random.Random(n)

@@ -147,6 +147,7 @@ def test_any_block_gives_the_same_bytes(tmp_path, finished):
         assert {row["status"] for row in csv.DictReader(file)} == {"ok"}
 
 
+@pytest.mark.long
 def test_filters_with_error_control_give_the_same_bytes_in_any_block(tmp_path):
     """Oracle: blocks of 50 in one process against single runs in two; every run has its own intervals."""
     tables = []

@@ -117,6 +117,7 @@ def changed(value, scale, offset):
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow, id=name) for name in EVERY]
 )
+@pytest.mark.long
 def test_two_values_of_every_path_that_a_sweep_accepts_give_two_keys(name):
     """Numbers, vectors, matrices and switches of the file and of all defaults.
 

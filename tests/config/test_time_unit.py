@@ -58,6 +58,7 @@ def written(folder, unit="", **changes):
     return path
 
 
+@pytest.mark.long
 def test_no_number_changes_and_no_second_is_left(tmp_path):
     """Oracle: the same file without the key, bit for bit; all texts of results and of `check`."""
     texts = {}

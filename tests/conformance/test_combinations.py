@@ -196,6 +196,7 @@ def test_every_kind_runs_or_names_its_error(plant, scenario):
 
 
 @pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.long
 def test_no_delay_is_a_delay_of_zero_samples(plant):
     """Oracle: the same experiment without the laws, bit for bit."""
     cells = by_turn(CELLS, 7)

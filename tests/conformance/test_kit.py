@@ -165,6 +165,7 @@ def test_all_checks_pass_in_a_process_of_its_own(textbook):
         assert textbook.result(id).status == "passed"
 
 
+@pytest.mark.long
 def test_reading_the_true_state_is_named():
     """In a process without a plant there is nothing to read."""
     report = small_check(misbehaving.Peeking, "estimators")
@@ -181,6 +182,7 @@ def test_the_hash_seed_is_named():
     assert "PYTHONHASHSEED" in report.result("fresh-process").reason
 
 
+@pytest.mark.long
 def test_an_endless_loop_ends_with_its_place():
     """The time limit holds, the kit names the line, and no process is left."""
     report = small_check(misbehaving.Endless, "estimators", seconds=4.0)
@@ -228,6 +230,7 @@ def test_a_function_of_the_kit_has_its_name():
 # -- the command line --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_command_line(tmp_path, monkeypatch):
     """Exit code 0 with a table, 1 with the failed check, and messages for what cannot be checked."""
     fine = cli("check", "--component", f"{FILE}:Follower", "--keys", "{K: 50%}")
@@ -243,6 +246,7 @@ def test_command_line(tmp_path, monkeypatch):
     assert "refuses all Python files" in cli("check", "--component", f"{FILE}:Follower").output
 
 
+@pytest.mark.long
 def test_own_components_of_an_experiment(tmp_path):
     """`check --deep` checks them on the system of their design model; methods with equal ones share the check."""
     shutil.copy(FILE, tmp_path / "own.py")

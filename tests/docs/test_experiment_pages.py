@@ -68,6 +68,7 @@ def test_every_claim_stands_on_the_page_of_its_experiment_with_its_comparisons(s
             assert all(f"stated {size['stated']}, computed" in page for size in claim["sizes"]), name
 
 
+@pytest.mark.long
 def test_every_statement_has_one_row_with_its_anchor_on_the_page_of_its_group(site: Site):
     for group in GROUPS:
         page = site.texts[f"experiments/{group}/index.md"]

@@ -106,6 +106,7 @@ def test_equations_compile(tmp_path):
     assert compiled([*EQUATIONS.values()], tmp_path) == ""
 
 
+@pytest.mark.long
 def test_every_file_of_a_run_is_on_the_page():
     """Oracle: the directory that the commands of the README write."""
     names = {name.strip("/") for entry in reference_page.FILES for name in entry.split(", ")}

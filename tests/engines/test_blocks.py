@@ -214,6 +214,7 @@ def test_blocks_of_many_steps_stay_long():
 
 
 @pytest.mark.parametrize(("seconds_of_a_run", "grows", "expected"), [(1e-4, 0, 0), (1e-2, 0, 1), (1e-2, 9, 1)])
+@pytest.mark.long
 def test_workers_start_where_they_pay(seconds_of_a_run, grows, expected):
     """With a long rest, also where it is not known yet how long; the queue has then 200 trials at a time."""
     queue, calls = queue_of(100 if grows else 3000), []

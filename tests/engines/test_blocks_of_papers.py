@@ -49,6 +49,7 @@ def test_any_block(case, tmp_path, block, jobs):
     assert texts(run(loaded(name, block), directory=tmp_path, jobs=jobs, engine="joblib")) == expected
 
 
+@pytest.mark.long
 def test_interrupted(case, tmp_path, monkeypatch):
     """Stopped in the middle of a group, and continued with other blocks."""
     name, expected = case

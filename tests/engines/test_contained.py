@@ -1,6 +1,8 @@
 """Exceptions and invalid return values of batch components: only the runs in which they occur fail."""
 
 import math
+from contextlib import ExitStack, contextmanager
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,7 +29,6 @@ MESSAGES = {
     "return_nothing": "correct returned None; it must return (state, x_hat) or (state, Estimate)",
 }
 """What a component does -> the failure that is stored."""
-ACTS = (do_nothing, *(getattr(misbehaving, name) for name in MESSAGES))
 
 
 def stored(made, dones, directory):
@@ -39,18 +40,34 @@ def stored(made, dones, directory):
     return store
 
 
+@contextmanager
+def stores(compute, n_runs, tmp_path_factory):
+    """Yield a function that runs a misbehaviour beside the estimator without one, and returns the store."""
+    with ExitStack() as opened:
+
+        @cache
+        def store_of(act, *how):
+            made = experiment([do_nothing, getattr(misbehaving, act)], n_runs)
+            return opened.enter_context(stored(made, compute(made, *how), tmp_path_factory.mktemp(act)))
+
+        yield store_of
+
+
 @pytest.fixture(scope="module", params=[7, 50])
-def store(request, tmp_path_factory):
-    """Run every misbehaviour in one experiment."""
-    made = experiment(ACTS, N_RUNS)
-    queue = TaskQueue(tasks_of(made, request.param))
-    with stored(made, serial([made], queue), tmp_path_factory.mktemp("acts")) as store:
-        yield store
+def store_of(request, tmp_path_factory):
+    """Compute in this process, in blocks of so many runs."""
+
+    def compute(made):
+        return serial([made], TaskQueue(tasks_of(made, request.param)))
+
+    with stores(compute, N_RUNS, tmp_path_factory) as found:
+        yield found
 
 
 @pytest.mark.parametrize("act", MESSAGES)
-def test_only_the_bad_runs_crash(store, act):
+def test_only_the_bad_runs_crash(store_of, act):
     """The other runs have the numbers of the same estimator without the misbehaviour, bit for bit."""
+    store = store_of(act)
     (runs, words), (_, fine) = store.column(act, N_RUNS), store.column("do_nothing", N_RUNS)
     assert fine == ["ok"] * N_RUNS
     assert words == ["crashed" if run in BAD else "ok" for run in runs]
@@ -64,8 +81,9 @@ def test_only_the_bad_runs_crash(store, act):
 
 
 @pytest.mark.parametrize("act", MESSAGES)
-def test_moments_leave_out_the_bad_runs(store, act):
+def test_moments_leave_out_the_bad_runs(store_of, act):
     """The mean over the good runs."""
+    store = store_of(act)
     n, mean, _ = joined(store.ensemble(act, N_RUNS))
     recorded, x_hat = store.traces(act, "x_hat", N_RUNS)
     assert n == N_RUNS - len(BAD) and mean.shape == (misbehaving.STEPS + 1, 2) and len(recorded) == 28
@@ -74,8 +92,9 @@ def test_moments_leave_out_the_bad_runs(store, act):
 
 
 @pytest.mark.parametrize(("act", "message"), MESSAGES.items())
-def test_the_failure_is_described(store, act, message):
+def test_the_failure_is_described(store_of, act, message):
     """With component, sample, the frames of its own code and the last signals."""
+    store = store_of(act)
     failures = store.failures(act, N_RUNS)
     assert [failure.run for failure in failures] == [*BAD]
     _, x_hat = store.traces("do_nothing", "x_hat", N_RUNS)
@@ -90,11 +109,11 @@ def test_the_failure_is_described(store, act, message):
     assert store.failures(act, 20)[0].run == 7 and len(store.failures(act, 20)) == 1
 
 
-def test_what_is_stored_counts_as_finished(store):
+@pytest.mark.parametrize("act", MESSAGES)
+def test_what_is_stored_counts_as_finished(store_of, act):
     """A crashed run without trajectories is not computed again."""
-    recording = experiment(ACTS).recording
-    for act in MESSAGES:
-        assert store.finished(act, ["mse"], recording, N_RUNS).tolist() == [*range(N_RUNS)]
+    recording = experiment([do_nothing]).recording
+    assert store_of(act).finished(act, ["mse"], recording, N_RUNS).tolist() == [*range(N_RUNS)]
 
 
 def test_a_metric_that_raises(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from cli.test_interruption import COMMAND, gone
 from engines import misbehaving
 from engines.misbehaving import BAD, do_nothing, experiment, tasks_of
-from engines.test_contained import stored
+from engines.test_contained import stores
 from engines.test_disturbed import Slow, made_of, queue_of, results_of, serial_results
 from engines.test_isolation import ENDS, LIMITS, N_RUNS, Stuck
 from engines.worker_tree import DASK_WORKER, WORKER, below, disturbed, with_command
@@ -50,18 +50,22 @@ def scheduler():
 
 
 @pytest.fixture(scope="module")
-def store(scheduler, tmp_path_factory):
-    """Run misbehaving components on the cluster."""
-    made = experiment([getattr(misbehaving, name) for name in ("do_nothing", *ACTS)], N_RUNS)
-    dones = dask_cluster([made], TaskQueue(tasks_of(made, 15)), 2, scheduler, LIMITS)
-    with stored(made, dones, tmp_path_factory.mktemp("acts")) as store:
-        yield store
+def store_of(scheduler, tmp_path_factory):
+    """Compute on the cluster."""
+
+    def compute(made):
+        return dask_cluster([made], TaskQueue(tasks_of(made, 15)), 2, scheduler, LIMITS)
+
+    with stores(compute, N_RUNS, tmp_path_factory) as found:
+        yield found
 
 
 @pytest.mark.parametrize("act", ACTS)
-def test_only_the_bad_runs_fail(store, act):
+@pytest.mark.long
+def test_only_the_bad_runs_fail(store_of, act):
     """As with worker processes of this machine."""
-    (status, message), (runs, words) = ENDS[act], store.column(act, N_RUNS)
+    store, (status, message) = store_of(act), ENDS[act]
+    runs, words = store.column(act, N_RUNS)
     assert [*words] == [status if run in BAD else "ok" for run in runs]
     good = [run for run in runs if run not in BAD]
     np.testing.assert_array_equal(store.values(act, "mse", good), store.values("do_nothing", "mse", good))
@@ -70,11 +74,12 @@ def test_only_the_bad_runs_fail(store, act):
     assert all(failure.message.startswith(message) for failure in failures)
 
 
-def test_the_workers_have_the_results_of_this_process(store):
+def test_the_workers_have_the_results_of_this_process(store_of):
     """Oracle: the same method in this process."""
     here = experiment([do_nothing], N_RUNS)
     values = np.concatenate([done.block.metrics[0] for done in serial([here], TaskQueue(tasks_of(here, 9)))])
-    np.testing.assert_array_equal(store.values("do_nothing", "mse", range(N_RUNS)), values)
+    found = store_of("raise_value_error").values("do_nothing", "mse", range(N_RUNS))
+    np.testing.assert_array_equal(found, values)
 
 
 @pytest.mark.kill
@@ -185,6 +190,7 @@ def test_a_scheduler_that_is_killed(monkeypatch, capfd):
         process.communicate()
 
 
+@pytest.mark.long
 def test_a_scheduler_without_workers(monkeypatch):
     """It is said once, and the computation goes on with the worker that comes then."""
     monkeypatch.setattr(engine, "WITHOUT", 0.0)
@@ -265,6 +271,7 @@ WAYS = {
 }
 
 
+@pytest.mark.long
 def test_every_engine_gives_the_same_bytes(tmp_path, scheduler):
     """Any number of workers, any block."""
     path, found = write(tmp_path, **KEYS), {}

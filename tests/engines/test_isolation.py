@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from engines import misbehaving
 from engines.misbehaving import BAD, do_nothing, experiment, tasks_of
-from engines.test_contained import stored
+from engines.test_contained import stores
 from small_experiment import cli, write
 
 from rmpc_bench.engines.blocks import TaskQueue
@@ -47,24 +47,20 @@ CASES = [(2, 4, act) for act in ENDS] + [(1, 50, act) for act in WITH_ONE]
 
 
 @pytest.fixture(scope="module")
-def stores(tmp_path_factory):
-    """Run every misbehaviour in one experiment, once per number of workers."""
-    made = {2: [*ENDS], 1: [*WITH_ONE]}
-    found = {}
-    for workers, block in {(workers, block) for workers, block, _ in CASES}:
-        acts = [getattr(misbehaving, name) for name in ("do_nothing", *made[workers])]
-        those = experiment(acts, N_RUNS)
-        dones = processes([those], TaskQueue(tasks_of(those, block)), workers, LIMITS)
-        found[workers] = stored(those, dones, tmp_path_factory.mktemp("acts"))
-    yield found
-    for store in found.values():
-        store.__exit__(None, None, None)
+def store_of(tmp_path_factory):
+    """Compute with so many workers, in blocks of so many runs."""
+
+    def compute(made, workers, block):
+        return processes([made], TaskQueue(tasks_of(made, block)), workers, LIMITS)
+
+    with stores(compute, N_RUNS, tmp_path_factory) as found:
+        yield found
 
 
 @pytest.mark.parametrize(("workers", "block", "act"), CASES)
-def test_only_the_bad_runs_fail(stores, workers, block, act):
+def test_only_the_bad_runs_fail(store_of, workers, block, act):
     """The other runs have the numbers of the same estimator without the misbehaviour, bit for bit."""
-    store, (status, message) = stores[workers], ENDS[act]
+    store, (status, message) = store_of(act, workers, block), ENDS[act]
     (runs, words), (_, fine) = store.column(act, N_RUNS), store.column("do_nothing", N_RUNS)
     assert fine == ["ok"] * N_RUNS
     assert words == [status if run in BAD else "ok" for run in runs]
@@ -82,18 +78,20 @@ def test_only_the_bad_runs_fail(stores, workers, block, act):
 
 
 @pytest.mark.parametrize("act", ["fault", "sleep", "loop_in_compiled_code", "fill_memory"])
-def test_the_frames_of_the_component_are_stored(stores, act):
+@pytest.mark.long
+def test_the_frames_of_the_component_are_stored(store_of, act):
     """Also where the process ends inside compiled code."""
-    for failure in stores[2].failures(act, N_RUNS):
+    for failure in store_of(act, 2, 4).failures(act, N_RUNS):
         assert f"in {act}" in failure.trace and "closed_loop" not in failure.trace
 
 
-def test_the_workers_have_the_results_of_this_process(stores):
+@pytest.mark.parametrize(("workers", "block"), [(2, 4), (1, 50)])
+def test_the_workers_have_the_results_of_this_process(store_of, workers, block):
     """Oracle: the same methods in this process."""
     here = experiment([do_nothing], N_RUNS)
     values = np.concatenate([done.block.metrics[0] for done in serial([here], TaskQueue(tasks_of(here, 9)))])
-    for store in stores.values():
-        np.testing.assert_array_equal(store.values("do_nothing", "mse", range(N_RUNS)), values)
+    found = store_of("exit_at_once", workers, block).values("do_nothing", "mse", range(N_RUNS))
+    np.testing.assert_array_equal(found, values)
 
 
 OWN = """
@@ -136,6 +134,7 @@ def ran_file(tmp_path_factory):
     return path, directory / "out", cli("run", path, "-o", directory / "out", "-j", 1, "--progress", "none")
 
 
+@pytest.mark.long
 def test_exit_codes_and_other_rows_of_a_component_from_a_file(ran_file):
     """198 of 200 runs are as without the misbehaviour; `max_failures` decides about the exit code."""
     path, out, result = ran_file

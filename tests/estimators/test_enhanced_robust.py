@@ -48,6 +48,7 @@ def test_the_bound_is_lemma_1_of_the_gains(rule, varying, rng):
 
 
 @pytest.mark.parametrize("rule", [{"rule": "error", "eps": 10.0}, {"rule": "state", "gamma": 1.0}])
+@pytest.mark.long
 def test_no_other_gains_have_a_smaller_bound(rule, rng):
     """Oracle: BFGS over Phi and K of the trace of (65); no perturbed pair has a P that is smaller in any direction.
 

@@ -61,6 +61,7 @@ def test_the_rule_of_the_state_is_a_guarantee_on_the_benchmark(rho, keys, sequen
     assert 0.5 < worst_of_an_adversary(model, filter_, n)[0] <= 1 + 1e-9
 
 
+@pytest.mark.long
 def test_the_rule_of_the_state_is_a_guarantee_on_random_systems(rng):
     """Oracle: as above, on 20 random systems of three states with matrix F."""
     for i in range(SYSTEMS):

@@ -183,6 +183,7 @@ def test_iterations(tmp_path, system, most, mean, substeps):
         assert ((found - x)[:, 20:] ** 2).mean() == pytest.approx(expected, rel=0.02)  # two digits are given
 
 
+@pytest.mark.long
 def test_the_reactor_from_its_configuration(tmp_path):
     """The wrong start leads extended-kalman to negative states; bounds of the window prevent that."""
     loaded(tmp_path, "three")
@@ -192,6 +193,7 @@ def test_the_reactor_from_its_configuration(tmp_path):
     assert mean.fallbacks["M"] == 0.0 and set(trials.status) == {"ok"}
 
 
+@pytest.mark.long
 def test_a_run_does_not_depend_on_its_block(tmp_path):
     """Bit for bit, with error control, where another run has gaps and one has measurements that are no numbers."""
     estimator = pickle.loads(pickle.dumps(loaded(tmp_path, "cstr", solver="{}").methods[1].estimator))

@@ -59,6 +59,7 @@ def test_the_volume_changes_by_inflow_and_outflow():
     np.testing.assert_allclose(P.area * sum(rates), 9e-6 - outflow, **ROUND)
 
 
+@pytest.mark.long
 def test_the_design_model_has_the_time_constants_of_the_textbook(config):
     """T_i = (A / a_i) sqrt(2 h_i / g), sampled exactly; differences give ten digits."""
     model = config.experiment.methods[0].estimator.sets.model

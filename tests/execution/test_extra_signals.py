@@ -25,6 +25,7 @@ def results(tmp_path_factory):
     return rmpc_bench.run(config, directory=tmp_path_factory.mktemp("signals"), jobs=1)
 
 
+@pytest.mark.long
 def test_recorded_torque(results):
     """Oracle: the recorded states with the drawn rigidity and gear ratio of the run, from their random factor."""
     table = results.trials

@@ -148,6 +148,7 @@ def own(tmp_path_factory):
     return place / "out", written
 
 
+@pytest.mark.long("own layout")
 def test_the_same_bytes_without_code_in_another_place(own, tmp_path):
     """Tables, claims, recorded runs and the figures of this package; the user's picture is left as it is."""
     directory, _ = own
@@ -164,6 +165,7 @@ def test_the_same_bytes_without_code_in_another_place(own, tmp_path):
     assert compare(load_results(there)).to_markdown() == compare(load_results(directory)).to_markdown()
 
 
+@pytest.mark.long("own layout")
 def test_declared_failures_of_checks_are_printed(own, tmp_path):
     """With the reason, in the page of tables."""
     there = moved(own[0], tmp_path / "there")
@@ -173,6 +175,7 @@ def test_declared_failures_of_checks_are_printed(own, tmp_path):
     assert section.strip() == "- own: `consistent` (starts with another covariance)"
 
 
+@pytest.mark.long("own layout")
 def test_a_figure_of_a_user_is_drawn_by_run_only(own, tmp_path):
     """A line says so; a mistake in one costs this figure alone and names the user's line."""
     directory, written = own
@@ -187,6 +190,7 @@ def test_a_figure_of_a_user_is_drawn_by_run_only(own, tmp_path):
     assert all("`rmpc-bench run` draws it" in line for line in lines)
 
 
+@pytest.mark.long("own layout")
 def test_a_report_imports_no_design(own, tmp_path):
     """Neither numba nor joblib nor a plant, model, estimator, controller or metric; nor is a configuration read."""
     there = moved(own[0], tmp_path / "there")
@@ -322,6 +326,7 @@ def test_a_series_that_is_no_array_is_refused(tmp_path):
         load_config(write(tmp_path, methods="{own: {estimator: {file: 'parts.py:wordy'}}}"))
 
 
+@pytest.mark.long("own layout")
 def test_the_layout_is_plain_data(own):
     """JSON without a path of this machine."""
     directory, _ = own

@@ -129,6 +129,7 @@ def test_an_edit_changes_the_keys_of_the_methods_of_its_file(own, file, before, 
     assert changed(own, known) == methods
 
 
+@pytest.mark.long
 def test_only_what_changed_is_computed_again_and_it_is_said(own, tmp_path):
     """The old rows are kept and enter no table; the old code finds them again."""
     out = tmp_path / "out"
@@ -148,6 +149,7 @@ def test_only_what_changed_is_computed_again_and_it_is_said(own, tmp_path):
     assert load_trials(out).frame.equals(first)
 
 
+@pytest.mark.long
 def test_more_runs_after_an_edit(own, tmp_path):
     """No row of the old code is in the table of ten runs."""
     out, fresh = tmp_path / "out", tmp_path / "fresh"

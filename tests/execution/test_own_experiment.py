@@ -185,6 +185,7 @@ def test_a_neighbour_outside_the_directory_needs_consent(tmp_path):
     assert load_config(path, allow_code=[tmp_path / "gains.py"])
 
 
+@pytest.mark.long
 def test_another_version_of_a_library(copied, monkeypatch):
     """A patch is said; major or minor is refused with both versions and the way out, until it is accepted."""
     path, out = copied
@@ -216,6 +217,7 @@ def test_a_component_that_is_not_deterministic_shares_no_trials(tmp_path):
     assert keys["One"] != keys["Two"]
 
 
+@pytest.mark.long
 def test_files_of_a_sweep(tmp_path):
     """Every point has the code of its file, also in the resolved configuration; full hashes differ."""
     path = written(tmp_path)

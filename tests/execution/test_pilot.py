@@ -43,12 +43,14 @@ def test_enlarged_tables_are_sorted_and_complete(tmp_path, sweep):
     assert list(larger.trials.frame.columns) == list(results.trials.frame.columns)
 
 
+@pytest.mark.long
 def test_a_pilot_measures_in_its_own_process(tmp_path):
     found = measure(write(tmp_path, runs=5000))
     assert found.n_runs == 5000 and 2 <= found.n_pilot <= 5000
     assert found.per_run > 0 and found.start > 0.3 and found.report > 0.1 and 50 < found.megabytes < 2000
 
 
+@pytest.mark.long
 def test_the_memory_is_not_that_of_the_process_that_asks():
     """Of half a gigabyte here, which a new process inherits as its largest memory, nothing is counted."""
     here = np.ones(70_000_000)
@@ -77,6 +79,7 @@ def test_a_pilot_that_fails_is_said(tmp_path):
         measure(write(tmp_path), modules=["no_such_module"])
 
 
+@pytest.mark.long
 def test_check_prints_time_memory_and_shards(tmp_path):
     path = write(tmp_path, runs=400)
     found = cli("check", path, "--shards", 4)

@@ -28,6 +28,7 @@ def rms(record):
 
 
 @pytest.mark.parametrize("name", ["constant", "tuned"])
+@pytest.mark.long
 def test_missing_measurements_cost_a_few_estimates(name):
     """Oracle: by hand; each costs itself and the three windows behind, five in a row cost eight; other runs no bit.
 

@@ -116,6 +116,7 @@ def computed(config, directory, **options):
     return run(config, directory=directory, **options).trials.frame.to_csv(index=False).encode()
 
 
+@pytest.mark.long
 def test_a_method_that_wraps_numpy_and_a_solver_changes_its_own_rows_only(tmp_path):
     """Rows of built-in methods, and the statistics of them, are those without the method, for every engine."""
     ran(write(tmp_path, file="alone.yaml", runs="4"), tmp_path / "alone")
@@ -144,6 +145,7 @@ def test_a_plant_that_wraps_numpy_is_an_error_that_names_it(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_plant_that_wraps_numpy_during_a_run_fails_the_runs(tmp_path):
     """Such runs have no numbers, and their text names the file and what it replaces."""
     late = f"    if len(sys.argv) > 1 and sys.argv[0] == '-c':\n    {REPLACES}    return [x[1]"
@@ -162,6 +164,7 @@ def test_a_plant_that_wraps_numpy_while_a_model_is_made_from_it_is_an_error(tmp_
 
 
 @pytest.mark.parametrize("size", ["1e-3", "1e-13"])
+@pytest.mark.long
 def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path, size):
     """A trial in a fresh process differs from the stored one, if only by its last bits; the trials stay stored."""
     change = f"u[0] - x[1] + {size} * (sys.argv[0] == '-c') * ('connection' in sys.argv[-1])"
@@ -173,12 +176,14 @@ def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path, size):
     assert (tmp_path / "out" / "trials.sqlite").exists()
 
 
+@pytest.mark.long
 def test_an_honest_plant_passes(tmp_path):
     """The trial that is computed again has the same numbers, for one and two workers."""
     config = load_config(with_plant(tmp_path, RHS))
     assert computed(config, tmp_path / "one", jobs=1) == computed(config, tmp_path / "two", jobs=2, engine="joblib")
 
 
+@pytest.mark.long
 def test_a_plant_with_other_last_bits_in_a_block_passes(tmp_path):
     """The trial is then computed again within its block; from then on it is compared to 1e-9."""
     config = load_config(with_blocks(tmp_path, BLOCKS))
@@ -188,6 +193,7 @@ def test_a_plant_with_other_last_bits_in_a_block_passes(tmp_path):
     assert computed(single, tmp_path / "alone", jobs=1) != together
 
 
+@pytest.mark.long
 def test_a_plant_that_fails_where_it_is_alone_is_an_error(tmp_path):
     """A stored run that ends well differs from one that fails."""
     fails = BLOCKS.replace("        moved", "        assert k < 9 or 'connection' in sys.argv[-1]\n        moved")
@@ -207,6 +213,7 @@ def test_methods_are_grouped_by_their_files(tmp_path):
     assert sorted(sorted(name for _, name in pairs) for pairs in groups.values()) == [["A", "C"], ["B"], ["KF"]]
 
 
+@pytest.mark.long
 def test_objects_of_a_program_are_computed(tmp_path, capsys):
     """A method that a program registers has no file; built-in methods are still separate from it."""
 
@@ -222,6 +229,7 @@ def test_objects_of_a_program_are_computed(tmp_path, capsys):
     assert "cannot be separated" not in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_what_cannot_be_separated_is_said(tmp_path, capsys):
     """Another process cannot make a plant that a program has registered; the results are kept."""
     space = {}

@@ -98,6 +98,7 @@ def test_wrong_shards(tmp_path, text, message):
 
 
 @pytest.mark.parametrize("total", [2, 7, 25])
+@pytest.mark.long
 def test_joined_shards_have_the_bytes_of_one_process(serial, tmp_path, total):
     """Also with more shards than runs."""
     path, out = serial
@@ -275,6 +276,7 @@ def test_other_code_of_the_user_is_refused(tmp_path):
     assert "shards/2-of-2: A was computed by other code than in 1-of-2 (own.py has changed)" in refused.stderr
 
 
+@pytest.mark.long
 def test_components_that_end_their_process(tmp_path):
     """Shards contain them as one process does: only the bad runs fail, `merge` counts them, the bytes are equal."""
     (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
@@ -323,6 +325,7 @@ def test_an_empty_store_of_the_directory_is_no_store(serial, tmp_path):
     same(out, tmp_path / "out")
 
 
+@pytest.mark.long
 def test_a_shard_that_is_being_computed(serial, tmp_path):
     path, _ = serial
     all_shards(path, tmp_path / "out", 2)

@@ -131,6 +131,7 @@ def test_it_stops_at_the_first_look_with_narrow_intervals(width, tmp_path):
 
 
 @pytest.mark.parametrize(("jobs", "block"), [(1, 3), (2, 7), (2, 50)])
+@pytest.mark.long
 def test_workers_and_blocks_do_not_move_the_stop(width, tmp_path, jobs, block):
     """Same looks, same bytes."""
     csv = computed(width, tmp_path / "a")
@@ -139,6 +140,7 @@ def test_workers_and_blocks_do_not_move_the_stop(width, tmp_path, jobs, block):
 
 
 @pytest.mark.parametrize("engine", ["joblib", "dask"])
+@pytest.mark.long
 def test_engines_do_not_move_the_stop(width, tmp_path, engine):
     """Tasks of the next look are added while the engine works."""
     pytest.importorskip("distributed" if engine == "dask" else "joblib")
@@ -149,6 +151,7 @@ def test_engines_do_not_move_the_stop(width, tmp_path, engine):
 
 
 @pytest.mark.parametrize("after", [1, 4, 8])
+@pytest.mark.long
 def test_an_interruption_does_not_move_the_stop(width, tmp_path, monkeypatch, after):
     """Within a look or at its end, before it is stored or after."""
     csv = computed(width, tmp_path / "a")

@@ -21,6 +21,7 @@ NAMED = f"{{grid: {{{STD}: {{quiet: 0.01, loud: 0.02}}}}}}"
     ],
     ids=["renamed", "reordered", "without names", "row by row"],
 )
+@pytest.mark.long
 def test_names_and_order_of_truths_are_not_the_experiment(tmp_path, monkeypatch, after):
     """The same truths: the directory is taken and nothing is computed again."""
     ran(write(tmp_path, sweep=NAMED), tmp_path / "a")

@@ -99,6 +99,7 @@ def test_a_killed_run_without_a_failure(tmp_path, monkeypatch):
     assert whole.trials is whole.stored and whole.extent.is_complete and whole.is_final
 
 
+@pytest.mark.long
 def test_a_killed_run_with_failures(tmp_path, monkeypatch):
     """B failed in run 5 and in run 47, which A does not have: n = 47, failed 1, pairs 46."""
     (tmp_path / "own.py").write_text(FAILS, encoding="utf-8")

@@ -252,6 +252,7 @@ def test_a_logical_status_is_no_reason(tmp_path, word):
     assert results.trials.n_failed("B") == 1
 
 
+@pytest.mark.long
 def test_a_table_may_have_thousands_of_columns(tmp_path):
     more = {f"c{number}": [0.0, number] for number in range(5000)}
     frame = pd.DataFrame({"run": 1, "method": ["A", "B"], "mse": [1.0, 2.0], **more})

@@ -111,6 +111,7 @@ def test_linear_methods_refuse_a_nonlinear_model_with_the_way_out(group, kind):
         make(model, **given, **REQUIRED.get(kind, {}))
 
 
+@pytest.mark.long
 def test_a_compiled_model_is_the_same_and_faster_to_call():
     """Oracle: the model that is not compiled."""
     plant = two_tanks(compilable)
@@ -121,6 +122,7 @@ def test_a_compiled_model_is_the_same_and_faster_to_call():
     np.testing.assert_allclose(again.f(x, u), compiled.f(x, u), **EXACT)
 
 
+@pytest.mark.long
 def test_what_cannot_be_compiled_is_refused():
     """Compiled code cannot read p["a2"]."""
     with pytest.raises(DesignError, match="rhs cannot be compiled") as found:

@@ -23,6 +23,7 @@ def looked_up(stages, M, M_w, x):
 
 @pytest.mark.parametrize("n", [2, 3, 4])
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.long
 def test_what_holds_is_the_exact_solution(n, seed):
     """Oracle: the solver without tables, state by state; 1e-10 of the first control is what the tables are for."""
     rng = np.random.default_rng((n, seed))
@@ -61,6 +62,7 @@ def nearly_double(gap):
 
 
 @pytest.mark.parametrize(("gap", "expected"), [(0.0, False), (1e-3, False), (-1e-3, False), (20.0, True)])
+@pytest.mark.long
 def test_crossing_eigenvalues_are_noticed(gap, expected):
     """Oracle: by construction; a series through a kink has a tail, one beside it has none."""
     stages, M, M_w = nearly_double(gap)

@@ -42,6 +42,7 @@ def random_case(seed, N=6):
 
 @pytest.mark.parametrize("x", X)
 @pytest.mark.parametrize("N", [1, 5, 10, 20])
+@pytest.mark.long
 def test_it_equals_the_dense_form_on_the_papers_system(N, x):
     """Oracle: (38)-(56) as big matrices with two multipliers; rho and every control."""
     stages, M_w = paper(N)

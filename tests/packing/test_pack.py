@@ -48,6 +48,7 @@ def changed_digit(content):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.long
 def test_an_archive_is_an_ro_crate(here, monkeypatch):
     pytest.importorskip("rocrate_validator")
     for profile in ("ro-crate-1.1", "process-run-crate-0.5"):

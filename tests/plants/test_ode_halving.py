@@ -233,6 +233,7 @@ def test_a_fast_state_at_rest_does_not_spoil_the_differences(rate, numba):
 @pytest.mark.parametrize(
     ("variance", "right", "numba"), [(9.0, 0.9001, False), (4.0, 0.8001, False), (9.0, 0.9001, True)]
 )
+@pytest.mark.long
 def test_points_far_from_the_estimate_decide_too(variance, right, numba):
     """Oracle: x / sqrt(1 + 2 Ts x^2) of the sigma points +-sqrt(P), for x' = -x^3."""
     plant = design(0.5, 10, ode=lambda x, u, p: [u[0] - x[0] ** 3], states=1, inputs=1, x0=[0.0])
@@ -246,6 +247,7 @@ def test_points_far_from_the_estimate_decide_too(variance, right, numba):
 
 
 @pytest.mark.parametrize("numba", [False, True])
+@pytest.mark.long
 def test_the_jacobian_of_a_model_is_smooth(numba):
     """Oracle: the variational equation at a tight tolerance; own intervals would err by 1e-6 over the step."""
     keys = {"ode": lambda x, u, p: [x[1], 20 * (1 - x[0] ** 2) * x[1] - x[0] + u[0]], "states": 2, "inputs": 1}

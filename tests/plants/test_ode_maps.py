@@ -79,6 +79,7 @@ def test_the_steady_state_of_a_map_is_a_fixed_point():
 
 
 @pytest.mark.parametrize("numba", [False, True])
+@pytest.mark.long
 def test_the_nonlinear_model_of_a_map_is_the_map(numba):
     """Oracle: the function of the user, once per sample."""
     if numba:

@@ -66,6 +66,7 @@ def assert_closed_loops_accurate(name: str, runs: range) -> None:
 
 
 @pytest.mark.parametrize("name", METHODS)
+@pytest.mark.long
 def test_closed_loops_are_accurate(name):
     """Oracle: the collocation reference in the loop, with the filters and the law of Fig. 7; 16 loops."""
     assert_closed_loops_accurate(name, range(4))

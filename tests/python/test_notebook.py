@@ -12,6 +12,7 @@ import pytest
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
+pytestmark = pytest.mark.long("notebook")  # they share one kernel
 ROOT = Path(__file__).parents[2]
 MOST = 3000
 GROWTH = 10_000

@@ -145,6 +145,7 @@ FILTERS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_every_filter_of_a_linear_model(tmp_path):
     """Oracle: the same filter of the straight output: measurements differ by whole periods only."""
     methods = "".join(f"  {kind}: {{estimator: {{kind: {kind}{keys}}}}}\n" for kind, keys in FILTERS.items())
@@ -188,6 +189,7 @@ def driven(reference, **changes):
     )
 
 
+@pytest.mark.long
 def test_laws_follow_the_nearest_turn(tmp_path):
     """Oracle: the law of the straight output with a reference up to 4.5 rad, which the other file has modulo 2 pi."""
     text = driven("{kind: square, values: [3, 4.5], period: 4}")
@@ -205,6 +207,7 @@ def test_laws_follow_the_nearest_turn(tmp_path):
                 np.testing.assert_allclose(one.metrics[metric], value, rtol=1e-6, atol=1e-9, err_msg=f"{name} {metric}")
 
 
+@pytest.mark.long
 def test_runs_with_different_turns_do_not_depend_on_their_block(tmp_path):
     """Oracle: some runs alone.  Runs turn in both directions at once, so that laws are called for groups of them."""
     wild = ("noise: same", "noise: {process: {gaussian: {std: [0.3, 0.5]}}, measurement: same}")
@@ -249,6 +252,7 @@ def test_linearised_at_the_cut(tmp_path):
     np.testing.assert_allclose(config.experiment.method("EKF").estimator.C[0], [[1.0, 0.0]], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.long
 def test_figures_and_ensembles(tmp_path):
     """Errors that figures draw are wrapped, of recorded runs and of the ensemble; estimates keep their turns."""
     text = driven("{kind: constant, value: -3.1}").replace("x_hat: [2.5, 1]", f"x_hat: [{2.5 - TURN}, 1]")
@@ -349,6 +353,7 @@ def test_groups_of_runs():
     assert len(joined.u) == runs and np.ndim(joined.status) == 0
 
 
+@pytest.mark.long
 def test_late_measurements_of_an_angle(tmp_path):
     """Oracle: the straight output, whose filters repeat the same late samples."""
     late = "noise: {process: same, measurement: {sum: [same, {delayed: [0, 3]}, {missing: {every: 2}}]}}"

@@ -244,6 +244,7 @@ def test_a_delay_of_0_is_none(tmp_path):
 RANDOM = "{sum: [{delayed: [0, 3]}, {delayed: {samples: [0, 2], per: run, only: [f]}}, {missing: {probability: 20%}}]}"
 
 
+@pytest.mark.long
 def test_random_delays_depend_on_the_run_only(tmp_path):
     """Oracle: the blocks of all runs and of single ones, and one worker and two, bit for bit."""
     keys = {"MODEL": ", delay: {input: 1}", "METHODS": "{K: {}, N: {model: {delay: none}}}"}

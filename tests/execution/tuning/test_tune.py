@@ -44,6 +44,7 @@ def steady_mse(P_v):
     return ((1 - gain) ** 2 + gain**2 * STD**2) / (1 - (1 - gain) ** 2 * a * a)
 
 
+@pytest.mark.long
 def test_the_tuned_noise_is_the_true_one(tmp_path):
     """The objective is flat at its minimum: its value is that of the closed form, and the tuned one lies close by."""
     path = write(tmp_path, runs=5, tune="{budget: 16, runs: 80, regret: false}", time="{steps: 120}")
@@ -109,6 +110,7 @@ def test_results_say_where_parameters_come_from(finished):
 @pytest.mark.parametrize(
     "options", [("-j", 2, "--engine", "joblib"), ("--engine", "serial"), ("-s", "execution.block=3"), ("-j", 1)]
 )
+@pytest.mark.long
 def test_the_choice_does_not_depend_on_how_it_is_computed(finished, tmp_path, options):
     """Same bytes of tuning.json for any workers, engine and block."""
     run(finished[0], tmp_path / "out", *options)
