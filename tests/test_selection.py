@@ -52,7 +52,7 @@ def test_five_turns_run_every_test(monkeypatch):
 def test_without_marks_and_all_of_them(monkeypatch):
     default = chosen(monkeypatch, 10, 0, marked=False)
     assert not any(name.startswith(("b", "c", "e::slow[0]")) for name in default) and "a::wide[10]" in default
-    # `-m slow` selects afterwards.
+    # What `-m` leaves out is not there any more.
     assert "e::slow[1]" in chosen(monkeypatch, 10, 0, marked=False, markexpr="slow")
     assert (
         chosen(monkeypatch, 1, 3)

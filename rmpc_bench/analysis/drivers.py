@@ -140,12 +140,12 @@ def _computed(trials: Trials, info: MetricInfo, responses: Sequence[Response], f
             groups.setdefault(response.known.tobytes(), []).append(response)
     cells: _Cells = {}
     for group in groups.values():
-        columns = {name: column[_known(group[0])] for name, column in found.values.items()}
+        columns = {name: column[_selected(group[0])] for name, column in found.values.items()}
         cells |= _of_group(trials, info, group, columns)
     return cells
 
 
-def _known(response: Response) -> Array | slice:
+def _selected(response: Response) -> Array | slice:
     """Return what selects the runs with a response; for all runs a slice, since a mask would copy every column."""
     return slice(None) if response.known.all() else response.known
 
@@ -156,7 +156,7 @@ def _of_group(trials: Trials, info: MetricInfo, group: Sequence[Response], colum
     surface = surface_for(values)
     if surface is None:
         return {}
-    numbers = [response.values[_known(response)] for response in group]
+    numbers = [response.values[_selected(response)] for response in group]
     of = shares(values, np.column_stack(numbers), surface, trials.confidence, trials.seed)
     parts, shared = list(regions(columns)), {name for pair in _correlated(columns) for name in pair}
     places, cells = {name: place for place, name in enumerate([*varying, REST])}, _Cells()

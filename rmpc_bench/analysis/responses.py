@@ -174,11 +174,11 @@ def surface_for(values: Array) -> Surface | None:
     return None
 
 
-def shares(values: Array, responses: Array, surface: Surface, confidence: float, seed: int) -> Shares:
-    """Compute the share of every quantity, and of the rest, in the variance of every one of the (n, responses)."""
+def shares(values: Array, y: Array, surface: Surface, confidence: float, seed: int) -> Shares:
+    """Compute the share of every quantity, and of the rest, in the variance of every one of the (n, responses) y."""
     A = surface.columns(values)
     # Of one size, so that the sums of squares of the fit lose no digits; the given ones need not stay in memory.
-    y = responses = standardised(responses)
+    y = standardised(y)
     kept = [surface.without(i) for i in range(values.shape[1])]
     value = _shares(A, y, np.ones((1, len(y))), kept)[0]
     if A.size * A.shape[1] > WORK:
