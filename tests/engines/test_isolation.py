@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from engines import misbehaving
 from engines.misbehaving import BAD, do_nothing, experiment, tasks_of
-from engines.test_contained import stores
+from engines.test_contained import stored, stores
 from small_experiment import cli, write
 
 from rmpc_bench.engines.blocks import TaskQueue
@@ -75,6 +75,20 @@ def test_only_the_bad_runs_fail(store_of, workers, block, act):
     assert {failure.k for failure in failures} == {misbehaving.K_BAD}
     assert all(failure.message.startswith(message) for failure in failures)
     assert store.finished(act, ["mse"], misbehaving.RECORDING, N_RUNS).tolist() == [*range(N_RUNS)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("workers", "block", "acts"), [(2, 4, [*ENDS]), (1, 50, WITH_ONE)])
+def test_misbehaviours_of_one_experiment_cost_their_own_runs(tmp_path, workers, block, acts):
+    """Worker processes are shared by all of them."""
+    made = experiment([getattr(misbehaving, act) for act in ("do_nothing", *acts)], N_RUNS)
+    with stored(made, processes([made], TaskQueue(tasks_of(made, block)), workers, LIMITS), tmp_path) as store:
+        assert store.column("do_nothing", N_RUNS)[1] == ["ok"] * N_RUNS
+        for act in acts:
+            runs, words = store.column(act, N_RUNS)
+            assert words == [ENDS[act][0] if run in BAD else "ok" for run in runs]
+            good = [run for run in runs if run not in BAD]
+            np.testing.assert_array_equal(store.values(act, "mse", good), store.values("do_nothing", "mse", good))
 
 
 @pytest.mark.parametrize("act", ["fault", "sleep", "loop_in_compiled_code", "fill_memory"])
