@@ -24,8 +24,8 @@ test: export NUMBA_CACHE_DIR ?= $(CURDIR)/.numba_cache
 test: setup  ## run the default tests, on all cores; with RMPC_BENCH_TESTS=all those too that .ci/run adds
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
 
-test-slow: setup  ## run the tests that take minutes
-	$(BIN)/python -m pytest -m slow
+test-slow: setup  ## run the tests that take minutes, on all cores
+	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
 
 dist-check: setup  ## install the wheel into fresh environments of every Python on this machine, with the newest and the lowest libraries, and run it
 	PYTHONPATH=tests $(BIN)/python -m dist_check $(if $(TURN),--turn $(TURN))

@@ -128,17 +128,17 @@ def pytest_collection_modifyitems(config, items):
     """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
     if any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
         return
-    names = [name for name in FOR_CI if name not in config.option.markexpr]
-    cases, marked = defaultdict(list), defaultdict(list)
+    cases, marked, kept = defaultdict(list), defaultdict(list), set()
     for item in items:
-        marks = [mark for mark in item.iter_markers() if mark.name in (*names, "slow")]
-        # What is slow runs where it is asked for only.
-        if marks and all(mark.name != "slow" for mark in marks):
+        marks = [mark for mark in item.iter_markers() if mark.name in (*FOR_CI, "slow")]
+        if any(mark.name in config.option.markexpr for mark in marks):
+            kept.add(item)
+        elif marks:
             marked[next(iter(marks[0].args), item.nodeid)].append(item)
         else:
             cases[item.nodeid.partition("[")[0]].append(item)
     # A mark and a number among the cases would choose few tests in the same turn.
-    kept = {item for each in cases.values() for item in (each if len(each) < WIDE else by_turn(each))}
+    kept |= {item for each in cases.values() for item in (each if len(each) < WIDE else by_turn(each))}
     kept |= {item for name in (by_turn([*marked]) if ALL else ()) for item in marked[name]}
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = [item for item in items if item in kept]
