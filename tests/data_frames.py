@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis import comparison, drivers, lost_runs, statistics, tails
+from rmpc_bench.analysis import comparison, drivers, lost_runs, statistics, worst_runs
 from rmpc_bench.analysis.columns import Series, data_frame
 
 LONG = ["method", "quantity", "component", "k", "n", "value"]
@@ -51,4 +51,4 @@ def summary_frame(trials):
 
 
 def tail_frame(trials):
-    return _frame(tails.tails(trials), tails.COLUMNS, ["worst_run"])
+    return _frame(worst_runs.tail_rows(trials), worst_runs.COLUMNS, ["worst_run"])

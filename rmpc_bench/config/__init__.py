@@ -6,7 +6,7 @@
 =====================  =================  =======================================================================
 stage                  module             result
 =====================  =================  =======================================================================
-1 read                 source.py          tree of the file and the overrides; every value knows its line and column
+1 read                 extends.py         tree of the file and the overrides; every value knows its line and column
 2 inherit              inherit.py         the tree with overrides and the files of ``plant.from`` in place
 3 expand the sweep     sweep.py           one tree per point of the sweep
 4 validate             validate.py        sections and components of every point (draft.py)

@@ -34,11 +34,11 @@ from rmpc_bench.config.sweep import NAME, Sweep, columns, expand
 from rmpc_bench.config.tune import Chosen
 from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.component import plain_data
+from rmpc_bench.config_file.extends import GivenConfig, read, texts_of
 from rmpc_bench.config_file.inherit import SECTIONS_OF_A_PLANT, has_source, inherit, lay_over_source
 from rmpc_bench.config_file.known_files import located
 from rmpc_bench.config_file.mapping import canonical_text, plain_mapping
 from rmpc_bench.config_file.matrix_files import with_matrices
-from rmpc_bench.config_file.source import GivenConfig, read, texts_of
 from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
 from rmpc_bench.config_file.yaml import one_line
 from rmpc_bench.simulation.scenario import Experiment

@@ -11,9 +11,9 @@ from rmpc_bench.components.loading import module_of
 from rmpc_bench.components.reference import CodeError, CodeReference
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config_file.component import problem_of
+from rmpc_bench.config_file.extends import REQUIRES, read_extended
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.known_files import located
-from rmpc_bench.config_file.source import REQUIRES, read_extended
 from rmpc_bench.config_file.tree import Items, Map, Mark, locate
 from rmpc_bench.config_file.user_files import named_in
 from rmpc_bench.registry import unknown

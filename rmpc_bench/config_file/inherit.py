@@ -16,9 +16,9 @@ from typing import Any
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config_file.component import read_component
+from rmpc_bench.config_file.extends import GivenConfig, read_named, with_methods
 from rmpc_bench.config_file.keys import model_of, shown
 from rmpc_bench.config_file.method_grid import with_grid
-from rmpc_bench.config_file.source import GivenConfig, read_named, with_methods
 from rmpc_bench.config_file.tree import Items, Map, Mark, Problems, assign, locate, merge, split, with_kind
 from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.types import ConfigError, Problem

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.components.designs import register
-from rmpc_bench.config_file.source import COMPONENTS
+from rmpc_bench.config_file.extends import COMPONENTS
 from rmpc_bench.config_file.tree import MAX_DEPTH, Problems, join
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.types import Problem

@@ -21,8 +21,8 @@ from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.statistics import COLUMNS as OF_PASS_RATES
 from rmpc_bench.analysis.statistics import pass_rates
-from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.worst_runs import tail_rows
 from rmpc_bench.figures.labels import marked, short_title
 from rmpc_bench.report.point_tables import (
     FrameTable,
@@ -85,7 +85,7 @@ def tail_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) ->
     if len(trials.runs) < FEWEST_RUNS or trials.alike or not trials.with_verdicts:
         return {}
     trials = trials if metrics is None else trials.with_numbers(metrics=tuple(metrics))
-    rows = tails(trials)
+    rows = tail_rows(trials)
     of_each = ((info, row) for info in trials.metrics for row in rows if row["metric"] == info.name)
     return columns_from(_cells(trials, row, info) for info, row in of_each)
 

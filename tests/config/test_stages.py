@@ -10,11 +10,11 @@ from small_experiment import write
 import rmpc_bench.config
 from rmpc_bench import load_config
 from rmpc_bench.config import build, check, load, sweep, validate
-from rmpc_bench.config_file import inherit, source
+from rmpc_bench.config_file import extends, inherit
 from rmpc_bench.types import ConfigError
 
 STAGES = {  # public function of a stage -> its module
-    "read": source,
+    "read": extends,
     "inherit": inherit,
     "expand": sweep,
     "validate_sections": validate,

@@ -25,9 +25,9 @@ from rmpc_bench.config.sweep import (
     expand,
 )
 from rmpc_bench.config.validate import validate_sections
+from rmpc_bench.config_file.extends import read
 from rmpc_bench.config_file.inherit import inherit
 from rmpc_bench.config_file.matrix_files import with_matrices
-from rmpc_bench.config_file.source import read
 from rmpc_bench.config_file.tree import Map
 from rmpc_bench.types import ConfigError
 

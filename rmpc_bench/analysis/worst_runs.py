@@ -41,7 +41,7 @@ COLUMNS = (
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def tails(trials: Trials) -> Rows:
+def tail_rows(trials: Trials) -> Rows:
     """Describe the worst runs of every method in every metric.
 
     What is described is the distance from the best value: the size of a metric that is best at 0, max(x, 1/x) of one

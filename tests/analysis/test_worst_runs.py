@@ -10,7 +10,7 @@ from data_frames import tail_frame
 from scipy import stats
 
 from rmpc_bench.analysis.intervals import _binomial_quantile
-from rmpc_bench.analysis.tails import cvar_interval, quantile_interval
+from rmpc_bench.analysis.worst_runs import cvar_interval, quantile_interval
 
 INF = math.inf
 

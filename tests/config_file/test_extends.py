@@ -6,7 +6,7 @@ import pytest
 from small_experiment import text, write
 
 from rmpc_bench import load_config
-from rmpc_bench.config_file.source import read_extended
+from rmpc_bench.config_file.extends import read_extended
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, parse
 from rmpc_bench.types import ConfigError
