@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 FILE = "trials.sqlite"
 APPLICATION = 0x524D5043  # number in the header of the file that marks a trial store (the letters RMPC)
 FORMAT = 2  # number of the format, which the header of the file holds
+READER_WAITS = 5.0  # longest time for a writer to end [s]
 LATER = """
 CREATE TABLE IF NOT EXISTS failed_steps (method INTEGER, run INTEGER, status INTEGER, n INTEGER NOT NULL,
     PRIMARY KEY (method, run, status)) WITHOUT ROWID
@@ -220,7 +221,7 @@ def connected(path: Path, *, writable: bool) -> sqlite3.Connection:
     connection = sqlite3.connect(
         f"{path.absolute().as_uri()}?mode={mode}",
         uri=True,
-        timeout=0.0 if writable else 5.0,
+        timeout=0.0 if writable else READER_WAITS,
         isolation_level=None,
         check_same_thread=False,
     )

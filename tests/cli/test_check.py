@@ -135,6 +135,7 @@ def test_remarks_on_methods_that_are_equal_or_linear(tmp_path):
     assert "is linear, around" not in shown and "C is the same" not in shown
 
 
+@pytest.mark.long
 def test_remarks_on_mixed_units():
     """Which metrics add errors of components with different units."""
     shown = " ".join(cli("check", "configs/examples/pendulum.yaml").stdout.split())

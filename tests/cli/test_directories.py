@@ -7,6 +7,7 @@ import re
 import pytest
 from small_experiment import cli, ran, spied, write
 
+from rmpc_bench.received import store
 from rmpc_bench.store.store import Store
 
 
@@ -50,8 +51,9 @@ def test_the_command_for_a_new_directory_is_the_same_command(here):
     assert "seed=8" in command
 
 
-def test_a_second_writer(here):
+def test_a_second_writer(here, monkeypatch):
     """Exit 5 while another process writes; then it may."""
+    monkeypatch.setattr(store, "READER_WAITS", 0.1)
     path = write(here)
     with Store(here / "out"):
         result = go(path, "-o", "out")

@@ -62,6 +62,7 @@ def test_no_optional_library_is_imported(arguments):
     assert imported(*arguments) & {*EXTRAS.values()} == set()
 
 
+@pytest.mark.long
 def test_neither_pandas_nor_an_optional_library_is_imported_for_built_in_components(tmp_path, monkeypatch):
     """Run and report of a configuration that uses none; tables are plain until a user asks for a data frame."""
     monkeypatch.chdir(tmp_path)

@@ -62,6 +62,7 @@ def test_a_full_disk_is_an_error(tmp_path, arguments):
     assert "cannot be written" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.long
 def test_results_are_not_lost_with_the_output(tmp_path):
     """The message says which of the two could not be written."""
     if not Path("/dev/full").exists():

@@ -122,6 +122,7 @@ def test_equal_methods_share_trials_and_the_path_does_not_count(stored, tmp_path
     assert str(tmp_path) not in json.dumps([there.shared, there.methods, there.own_code])
 
 
+@pytest.mark.long
 def test_a_data_file_counts(copied):
     """Its methods are computed again; the screen names the file."""
     path, out = copied

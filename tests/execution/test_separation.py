@@ -260,7 +260,7 @@ def test_files_of_the_current_directory_replace_no_standard_modules(tmp_path, mo
 )
 def test_the_end_of_the_new_process_is_an_error(monkeypatch, call, message):
     """It says how the process has ended."""
-    monkeypatch.setattr(separation, "LONGEST", 60.0 if "died" in message else 2.0)
+    monkeypatch.setattr(separation, "LONGEST", 60.0 if "died" in message else 0.5)
     with pytest.raises(WorkerError, match=f"a process with the built-in methods only: {message}"):
         _in_a_new_process(call)
 

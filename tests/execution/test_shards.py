@@ -186,6 +186,7 @@ def test_shards_of_two_divisions(serial, tmp_path):
     same(out, tmp_path / "out")
 
 
+@pytest.mark.long
 def test_groups_of_an_ensemble_that_shards_cut(tmp_path):
     """Mean and covariance over the runs are those of one process, bit for bit."""
     path = write_estimation(tmp_path, runs=130, evaluate="[runs, ensemble]", execution="{max_failures: 1000}")
@@ -211,6 +212,7 @@ def test_a_shard_joins_a_directory_with_the_first_runs(tmp_path, monkeypatch):
     same(tmp_path / "serial", tmp_path / "out", looks=2)
 
 
+@pytest.mark.long
 def test_random_delays_do_not_depend_on_the_division(tmp_path):
     """Delays of single samples and of whole runs: the bits of one process for two workers and for shards."""
     measured = "{sum: [{gaussian: {std: 0.01}}, {delayed: {samples: [0, 3]}}, {missing: {probability: 0.2}}]}"

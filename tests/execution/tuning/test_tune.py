@@ -337,6 +337,7 @@ def test_equal_methods_share_a_search(tmp_path, monkeypatch):
     assert results.tuning.search("A").values == results.tuning.search("B").values
 
 
+@pytest.mark.long
 def test_engines_and_blocks_of_a_servomechanism(tmp_path):
     """A closed loop, whose controller and estimator are tuned, with a rule that ends the experiment."""
     path = small_experiment.write(
