@@ -106,7 +106,7 @@ def compared(population: Population, runs: np.ndarray, confidence: float = LEVEL
     """Return the rows of comparisons.csv of an experiment, without the signed-rank p, which no verdict reads."""
     trials = table_of(population, runs, confidence)
     rows = comparison.compared(trials, trials.metrics[0], comparison.levels(trials))
-    return [vars(row) for _, row in rows]
+    return [row for _, row in rows]
 
 
 def is_wrong(word: str, row: Mapping[str, object], true: Truth) -> bool:
