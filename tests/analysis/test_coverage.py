@@ -22,6 +22,16 @@ UNRELIABLE = {
 """Intervals that are known to cover less, with the lowest share."""
 
 
+def test_a_few_experiments():
+    """The study itself is sound: its shares lie within 5 standard errors of those of many experiments."""
+    few, population = 40, populations()["bursts"]
+    most_missed = 1 - LEVEL + 5 * np.sqrt(LEVEL * (1 - LEVEL) / few)
+    found = study(population, 50, few)
+    assert found.pop("wrong") <= most_missed and min(found.values()) >= 1 - most_missed
+    assert study_of_looks(population, 50, 100, few) <= most_missed
+    assert study_of_means(population.values[:, 0], 50, few) >= 1 - most_missed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [50, 200])
 @pytest.mark.parametrize("name", populations())
