@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -76,6 +77,16 @@ class StudentSpread:
 
     def gap(self, shift: int = 0) -> Interval:
         """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
+        # A decision asks for the same one several times.
+        if shift not in self._found:
+            self._found[shift] = self._gap(shift)
+        return self._found[shift]
+
+    @cached_property
+    def _found(self) -> dict[int, Interval]:
+        return {}
+
+    def _gap(self, shift: int) -> Interval:
         gaps = self.left - self.right + shift * self.tolerance
         scale = float(max(np.abs(self.left).max(), np.abs(self.right).max()))
         found = average_interval(gaps, self.confidence, self.seed, scale=scale, hidden=self.hidden)
