@@ -50,7 +50,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again
 
-import forked_commands  # noqa: E402
 import forked_workers  # noqa: E402
 import hypothesis  # noqa: E402
 import numpy as np  # noqa: E402
@@ -67,10 +66,8 @@ WIDE = 5
 FOR_CI = ("page", "kill", "long")
 """Marks of tests that take time: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
 
-MANY = 50
-"""From so many tests on the process that forks commands starts at once, beside them."""
-DRAWN = {"conformance", "docs", "examples", "figures", "papers", "publishing", "report"}
-"""Folders of tests in which a page has figures that the configuration does not name."""
+UNDRAWN = "execution"
+"""Folder of tests in which a page has the figures of the configuration only; those of commands draw all."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -136,8 +133,8 @@ def pytest_collection_modifyitems(config, items):
         return
     cases, marked, kept = defaultdict(list), defaultdict(list), set()
     for item in items:
-        marks = [mark for mark in item.iter_markers() if mark.name in (*FOR_CI, "slow")]
-        if any(mark.name in config.option.markexpr for mark in marks):
+        marks = [mark for mark in item.iter_markers() if mark.name in FOR_CI]
+        if any(mark.name in config.option.markexpr for mark in item.iter_markers()):
             kept.add(item)
         elif marks:
             marked[next(iter(marks[0].args), item.nodeid)].append(item)
@@ -156,22 +153,18 @@ def pytest_runtest_setup(item):
     forked_workers.Forks.allowed = not forked_workers.NEW & {*item.path.parts}
 
 
-def pytest_collection_finish(session):
+def pytest_collection_finish():
     """Modules and tests stay until the end, so that no collection of garbage need look through them again."""
     gc.collect()
     gc.freeze()
-    if len(session.items) >= MANY:
-        forked_commands.server()
 
 
 @pytest.fixture(autouse=True, scope="module")
 def only_chosen_figures(request):
-    """Draw figures of the page alone in folders that look at pages only: half of the time of a small experiment."""
-    if DRAWN & {*request.path.parts}:
-        yield
-        return
+    """Leave out figures that only the page has, where no test looks at them: a sixth of the time of tests/execution."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rmpc_bench.publishing.pages.more_figures", lambda *_: [])
+        if UNDRAWN in request.path.parts:
+            patch.setattr("rmpc_bench.publishing.pages.more_figures", lambda *_: [])
         yield
 
 

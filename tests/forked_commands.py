@@ -44,7 +44,7 @@ def run(arguments, cwd):
 
 def variable():
     """Return the environment in which a child that inherits open files calls `run_in_child`."""
-    connection = server()
+    connection = _server()
     connection.set_inheritable(True)
     return {CONNECTION: str(connection.fileno())}
 
@@ -60,7 +60,7 @@ def run_in_child(arguments):
 
 def ask(files, connection=None, **keys):
     """Return the answer of the process that forks to a request with these open files, a number."""
-    connection = connection or server()
+    connection = connection or _server()
     request = json.dumps({"cwd": os.getcwd(), "environ": dict(os.environ), **keys}).encode()
     socket.send_fds(connection, [len(request).to_bytes(8)], files)
     connection.sendall(request)
@@ -71,13 +71,13 @@ def ask(files, connection=None, **keys):
 
 
 @cache
-def server():
+def _server():
     """Start the process that forks, once, and return the connection to it."""
     ours, theirs = socket.socketpair()
     code = f"import sys; sys.path.insert(1, {str(Path(__file__).parent)!r}); from forked_commands import serve; serve()"
     process = subprocess.Popen([sys.executable, "-c", code], stdin=theirs)
     theirs.close()
-    atexit.register(lambda: (ours.close(), process.kill(), process.wait()))
+    atexit.register(lambda: (ours.close(), process.wait()))
     return ours
 
 

@@ -24,6 +24,7 @@ TESTS += [Item(f"b::page[{number}]", PAGES[number]) for number in (3, 0, 1, 2, 4
 TESTS += [Item(f"c::one[{number}]", PAGES[0]) for number in range(7)]
 TESTS += [Item(f"d::mixed[{number}]", *[KILL] * (number % 3 == 0)) for number in range(11)]
 TESTS += [Item(f"e::slow[{number}]", KILL, *[SLOW] * number) for number in range(2)]
+TESTS += [Item(f"f::slow[{number}]", SLOW) for number in range(13)]
 
 
 def chosen(monkeypatch, every, turn, *, marked=True, args=("tests",), markexpr="not slow and not perf"):
@@ -53,7 +54,8 @@ def test_without_marks_and_all_of_them(monkeypatch):
     default = chosen(monkeypatch, 10, 0, marked=False)
     assert not any(name.startswith(("b", "c", "e::slow[0]")) for name in default) and "a::wide[10]" in default
     # What `-m` leaves out is not there any more.
-    assert "e::slow[1]" in chosen(monkeypatch, 10, 0, marked=False, markexpr="slow")
+    asked = chosen(monkeypatch, 10, 0, marked=False, markexpr="slow")
+    assert {"e::slow[1]", *(f"f::slow[{number}]" for number in range(13))} <= asked
     assert (
         chosen(monkeypatch, 1, 3)
         == chosen(monkeypatch, 10, 0, args=["tests/test_a.py"])

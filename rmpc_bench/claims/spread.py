@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -74,17 +73,14 @@ class StudentSpread:
     """Whether values hide what most runs do not show; None where that is bounded, as for shares."""
     is_share: bool = False
     """Whether the difference is a share, or that of two of them: -1, 0 or 1 in every run, apart from numbers."""
+    _found: dict[int, Interval] = field(default_factory=dict, init=False)
+    """Shift -> interval: a decision asks for the same one several times."""
 
     def gap(self, shift: int = 0) -> Interval:
         """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
-        # A decision asks for the same one several times.
         if shift not in self._found:
             self._found[shift] = self._gap(shift)
         return self._found[shift]
-
-    @cached_property
-    def _found(self) -> dict[int, Interval]:
-        return {}
 
     def _gap(self, shift: int) -> Interval:
         gaps = self.left - self.right + shift * self.tolerance

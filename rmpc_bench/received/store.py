@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FILE = "trials.sqlite"
 APPLICATION = 0x524D5043  # number in the header of the file that marks a trial store (the letters RMPC)
 FORMAT = 2  # number of the format, which the header of the file holds
-READER_WAITS = 5.0  # longest time for a writer to end [s]
+READER_WAITS = 5.0  # longest time in which a reader waits for a writer to end [s]
 LATER = """
 CREATE TABLE IF NOT EXISTS failed_steps (method INTEGER, run INTEGER, status INTEGER, n INTEGER NOT NULL,
     PRIMARY KEY (method, run, status)) WITHOUT ROWID
