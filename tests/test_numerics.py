@@ -68,3 +68,11 @@ def test_numbers_are_not_renewed_under_the_same_number(tmp_path, monkeypatch):
         assert bool(message) == refused
         assert (stored() == (number, golden)) != refused
     assert stored()[0] == 2
+
+
+def test_last_digits_of_another_machine_change_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(golden_trials, "FILE", tmp_path / "golden.csv")
+    monkeypatch.setattr(golden_trials, "CONFIGS", ("paper/figure",))
+    for value in ("1.0", "1.0000000000000002"):
+        monkeypatch.setattr(golden_trials, "computed", lambda name, value=value: {KEY: Golden("a", (value, value))})
+        assert golden_trials.renew() is None and stored()[1] == {KEY: Golden("a", ("1.0", "1.0"))}
