@@ -5,10 +5,13 @@ Nothing is imported before `library` is called.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 EXTRAS: Mapping[str, str] = {
@@ -106,3 +109,21 @@ def library(extra: str, module: str = "") -> Any:
     if not is_installed(extra):
         raise MissingLibraryError(missing(extra), name=EXTRAS[extra])
     return import_module(".".join(filter(None, [EXTRAS[extra], module])))
+
+
+@contextmanager
+def stand_ins(modules: Mapping[str, Mapping[str, Any] | None]) -> Iterator[None]:
+    """Let modules with this content stand for others that a library loads without need; None: as if not installed.
+
+    Those that are loaded already stay.
+    """
+    absent = [name for name in modules if name not in sys.modules]
+    for name in absent:
+        content, small = modules[name], ModuleType(name)
+        vars(small).update(content or {})
+        sys.modules[name] = small if content is not None else None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        for name in absent:
+            del sys.modules[name]

@@ -23,6 +23,7 @@ from rmpc_bench.cli import exits, shared_options
 from rmpc_bench.cli.run_request import Request, configured, shard_of
 from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.cli.streams import screen_width
+from rmpc_bench.extras import stand_ins
 from rmpc_bench.received.plain_files import noted
 
 if TYPE_CHECKING:
@@ -141,20 +142,14 @@ def load_libraries() -> None:
     names = vars(numpy)
     empty = {name: ModuleType(name) for name in ("f2py", "testing") if f"numpy.{name}" not in sys.modules}
     names |= empty
-    small = {name: ModuleType(name) for name in _STAND_INS if name not in sys.modules}
-    for name, module in small.items():
-        vars(module).update(_STAND_INS[name])
-    sys.modules.update(small)
     try:
-        with suppress(AttributeError, ImportError):
+        with stand_ins(_STAND_INS), suppress(AttributeError, ImportError):
             for name in ("jaxtyping", "scipy.linalg", "scipy.special"):
                 import_module(name)
     finally:
         for name, module in empty.items():
             if names.get(name) is module:
                 del names[name]  # NumPy loads the module itself when it is asked for
-        for name in small:
-            del sys.modules[name]
 
 
 def _done_before(request: Request) -> Shown | None:

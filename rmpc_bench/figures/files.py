@@ -8,8 +8,9 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib import import_module
 from io import BytesIO, StringIO
 from logging import ERROR, getLogger
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rmpc_bench.extras import stand_ins
 from rmpc_bench.figures.style import Rendering, families, font_family, rendered, style
 from rmpc_bench.figures.svg_text import as_file, for_page, themed
 from rmpc_bench.replaced_file import refuse_outside, replace_text, replaced
@@ -234,6 +236,13 @@ def small_fonts() -> Iterator[None]:
 
     What it logs of the fonts, such as an early date, is no concern of the user.
     """
+    import fontTools
+
+    # A PDF has no glyphs that are pictures, and no variable fonts.
+    folders = [str(Path(folder, "varLib")) for folder in fontTools.__path__]
+    with stand_ins({"fontTools.subset.svg": {"__all__": []}, "fontTools.varLib": {"__path__": folders}}):
+        with suppress(AttributeError, ImportError):
+            import_module("fontTools.subset")
     from fontTools import subset
 
     usual = subset.load_font

@@ -10,6 +10,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -183,16 +184,24 @@ def formulas_once() -> Iterator[None]:
 
 @contextmanager
 def without_docstrings_of_artists() -> Iterator[None]:
-    """Let matplotlib define its artists without signature and docstring of `set`, half of the time of its import."""
+    """Let matplotlib define its artists without the docstrings that it makes, half of the time of its import."""
+    import matplotlib
     from matplotlib.artist import Artist
 
-    name = "_update_set_signature_and_docstring"
-    usual = vars(Artist).get(name)
-    setattr(Artist, name, classmethod(lambda cls: None))
+    changes: list[tuple[Any, str, Any]] = [
+        (Artist, "_update_set_signature_and_docstring", classmethod(lambda cls: None)),
+    ]
+    for name in ("_ArtistPropertiesSubstitution", "Substitution"):
+        described = getattr(getattr(matplotlib, "_docstring", None), name, SimpleNamespace())
+        changes.append((described, "__call__", lambda _, artist: artist))
+    usual = [vars(owner).get(name) for owner, name, _ in changes]
+    for change in changes:
+        setattr(*change)
     try:
         yield
     finally:
-        setattr(Artist, name, usual) if usual is not None else delattr(Artist, name)
+        for (owner, name, _), before in zip(changes, usual, strict=True):
+            setattr(owner, name, before) if before is not None else delattr(owner, name)
 
 
 FONT_SIZE = 8  # size of all texts at the printed width [pt, of which an inch has 72]

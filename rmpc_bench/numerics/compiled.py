@@ -19,10 +19,12 @@ from functools import partial
 from importlib import import_module
 from typing import Any, TypeVar, cast
 
+from rmpc_bench.extras import stand_ins
 from rmpc_bench.numerics.code_cache import WITHOUT_FILE
 
 if "numba" not in sys.modules:
-    with chdir(sys.prefix):
+    # Code coverage of kernels is asked for by a process that has loaded `coverage` before.
+    with chdir(sys.prefix), stand_ins({"coverage": None}):
         import_module("numba").core.config._config_fname = ""
 numba: Any = import_module("numba")
 

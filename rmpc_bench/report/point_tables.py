@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -200,8 +199,10 @@ def _texts(values: Array) -> Iterable[str]:
         missing = np.isnan(values)
         texts = map(repr, values.tolist())
         return ["" if gone else text for gone, text in zip(missing, texts, strict=True)] if missing.any() else texts
-    quoted = cache(_quoted)
-    return ["" if each is None or each != each else quoted(str(each)) for each in values.tolist()]
+    cells = values.tolist()
+    if {*map(type, cells)} == {str}:
+        return map({text: _quoted(text) for text in {*cells}}.__getitem__, cells)
+    return ["" if each is None or each != each else _quoted(str(each)) for each in cells]
 
 
 def _quoted(text: str) -> str:

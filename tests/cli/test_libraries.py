@@ -34,12 +34,12 @@ def test_scipy_without_parts_of_numpy():
 
 
 def test_artists_without_docstrings():
-    """They have no docstring of `set`, which works; artists that are defined later have one."""
+    """They have no docstring of `set`, which works, and others are as written; those defined later have all of them."""
     fresh(
         ARTISTS + "with without_docstrings_of_artists():\n"
         "    from matplotlib.figure import Figure\n"
         "from matplotlib.lines import Line2D\n"
-        "assert Line2D.set.__doc__ is None\n"
+        "assert Line2D.set.__doc__ is None and '%(Text:kwdoc)s' in Figure.text.__doc__\n"
         "line, = Figure().subplots().plot([0, 1])\n"
         "line.set(lw=3, color='red')\n"
         "assert line.get_linewidth() == 3\n"
@@ -47,6 +47,49 @@ def test_artists_without_docstrings():
         "from matplotlib.artist import Artist\n"
         "class Other(Artist): pass\n"
         "assert 'Set multiple properties' in Other.set.__doc__\n"
+        "from matplotlib._docstring import interpd\n"
+        "@interpd\n"
+        "def text(): '%(Text:kwdoc)s'\n"
+        "assert 'fontsize' in text.__doc__\n"
+    )
+
+
+def test_numba_without_coverage():
+    """The package of that name, which numba would load, is not loaded with the kernels, unless it was before."""
+    kernels = "from rmpc_bench.numerics.compiled import numba\nfrom numba.misc import coverage_support\n"
+    fresh("import sys\n" + kernels + "assert 'coverage' not in sys.modules\nimport coverage\n")
+    fresh("import coverage\n" + kernels + "assert coverage_support.coverage is coverage\n")
+
+
+def test_fonts_without_parts_of_fonttools():
+    """What a PDF has no use for is not loaded, and is the real module when it is asked for."""
+    fresh(
+        "import sys\n"
+        "from rmpc_bench.figures.files import small_fonts\n"
+        "with small_fonts():\n"
+        "    from fontTools import subset\n"
+        "assert not {'fontTools.varLib.merger', 'fontTools.subset.svg', 'lxml'} & {*sys.modules}\n"
+        "import fontTools.subset.svg, fontTools.varLib\n"
+        "assert fontTools.varLib.build and fontTools.varLib.varStore and fontTools.subset.svg.subset_elements\n"
+    )
+
+
+def test_a_fonttools_that_needs_what_is_left_out(tmp_path):
+    """It is loaded as usual."""
+    for file, content in {
+        "__init__.py": "",
+        "subset.py": "from fontTools.varLib import build\ndef load_font(): pass\n",
+        "varLib.py": "build = 1\n",
+    }.items():
+        (tmp_path / "fontTools").mkdir(exist_ok=True)
+        (tmp_path / "fontTools" / file).write_text(content, encoding="utf-8")
+    fresh(
+        "import sys\nsys.path.insert(0, sys.argv[1])\n"
+        "from rmpc_bench.figures.files import small_fonts\n"
+        "with small_fonts():\n"
+        "    from fontTools import subset\n"
+        "assert subset.__file__.startswith(sys.argv[1]) and subset.build == 1\n",
+        tmp_path,
     )
 
 
@@ -69,7 +112,9 @@ def test_a_matplotlib_without_the_name():
     """Nothing is left behind."""
     fresh(
         ARTISTS + "from matplotlib.figure import Artist\n"
+        "import matplotlib._docstring\n"
         "del Artist._update_set_signature_and_docstring\n"
+        "del matplotlib._docstring._ArtistPropertiesSubstitution\n"
         "with without_docstrings_of_artists(): pass\n"
         "assert not hasattr(Artist, '_update_set_signature_and_docstring')\n"
     )
