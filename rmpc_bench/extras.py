@@ -1,6 +1,6 @@
 """Optional libraries: the extra of pip that installs each of them, and the kinds of components that need it.
 
-Nothing is imported before `library` is called.
+Nothing is imported before `library` is called.  `stand_ins` lets any library be loaded without what it does not use.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ DESIGNS = {"models", "numerics", "types"}
 MAY_IMPORT = {
     "types": set(),
     "expressions": set(),
-    "numerics": {"types"},
+    "numerics": {"types", "extras"},  # what libraries load without need
     "models": {"numerics", "types"},
     "noise": {"numerics", "types"},
     # A plant may be a recorded one.  What it draws itself has a law.
@@ -93,7 +93,7 @@ MAY_IMPORT = {
     "analysis": {"numerics", "types"},
     "claims": {"analysis", "expressions", "types"},
     # Pictures and tables are files.
-    "figures": {"analysis", "types", "replaced_file", "notices"},
+    "figures": {"analysis", "types", "replaced_file", "notices", "extras"},  # as numerics
     "report": {"figures", "claims", "analysis", "types", "replaced_file"},
     # A YAML file with the place of everything; it knows no section.
     "config_file": {
