@@ -22,10 +22,10 @@ run: setup  ## run the quickstart and print the path of its figure
 # Compiled kernels are kept for the next run, in this checkout, so that no other one replaces them.
 test: export NUMBA_CACHE_DIR ?= $(CURDIR)/.numba_cache
 test: setup  ## run the default tests, on all cores; with RMPC_BENCH_TESTS=all those too that .ci/run adds
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 
 test-slow: setup  ## run the tests that take minutes, on all cores
-	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
+	$(BIN)/python -m pytest -m slow
 
 dist-check: setup  ## install the wheel into fresh environments of every Python on this machine, with the newest and the lowest libraries, and run it
 	PYTHONPATH=tests $(BIN)/python -m dist_check $(if $(TURN),--turn $(TURN))

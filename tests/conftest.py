@@ -37,11 +37,11 @@ CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide")]
 TESTS = os.environ.get("RMPC_BENCH_TESTS", "")
 ALL = TESTS in ("all", "ci")
 """Shapes are checked, and no mark is left to `.ci/run`."""
-EVERY = {"all": 1, "ci": 5}.get(TESTS, 10)
+EVERY = {"all": 1, "ci": 8}.get(TESTS, 10)
 """From so many cases of a function with many (`WIDE`) one runs, unless a file of tests is named."""
 os.environ.setdefault("RMPC_BENCH_DOC_RUNS", "" if TESTS == "all" else "4")
 TURN = int(os.environ.get("RMPC_BENCH_TURN", "0"))
-"""Which of them: `.ci/run` counts commits, so that five commits after each other run all cases, and all pages."""
+"""Which of them: `.ci/run` counts commits, so that eight commits after each other run all cases, and all pages."""
 if ALL:
     jaxtyping.jaxtyped = remembered_checks.jaxtyped
     jaxtyping.install_import_hook(CHECKED, "remembered_checks.checked")
@@ -66,8 +66,8 @@ WIDE = 5
 FOR_CI = ("page", "kill", "long")
 """Marks of tests that take time: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
 
-UNDRAWN = "execution"
-"""Folder of tests in which a page has the figures of the configuration only; those of commands draw all."""
+UNDRAWN = {"execution"} | ({"cli"} if not ALL else set())
+"""Folders of tests in which a page has the figures of the configuration only; those of commands draw all in CI."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -126,10 +126,20 @@ def pytest_collect_file(file_path):
     return collectors
 
 
+def names_a_file(config):
+    """Whether the command line has a file of tests, not only folders."""
+    return any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args)
+
+
+def pytest_xdist_auto_num_workers(config):
+    """Tests of a named file, and measurements, run in this process alone; all others on all cores."""
+    return 0 if names_a_file(config) or "perf" in config.option.markexpr.replace("not perf", "") else None
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
     """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
-    if any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
+    if names_a_file(config):
         return
     cases, marked, kept = defaultdict(list), defaultdict(list), set()
     for item in items:
@@ -163,7 +173,7 @@ def pytest_collection_finish():
 def only_chosen_figures(request):
     """Leave out figures that only the page has, where no test looks at them: a sixth of the time of tests/execution."""
     with pytest.MonkeyPatch.context() as patch:
-        if UNDRAWN in request.path.parts:
+        if UNDRAWN & {*request.path.parts}:
             patch.setattr("rmpc_bench.publishing.pages.more_figures", lambda *_: [])
         yield
 

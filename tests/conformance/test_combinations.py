@@ -177,7 +177,7 @@ def test_the_table_has_every_kind():
 @pytest.mark.parametrize("plant", PLANTS)
 def test_every_kind_runs_or_names_its_error(plant, scenario):
     """Oracle: the table; some cells by turn, with `RMPC_BENCH_TESTS=all` all."""
-    # This case runs every fifth turn: without the second number it would have the same cells each time.
+    # A case runs at some turns only: without the second number it would have the same cells each time.
     cells = by_turn(CELLS, len(plant + scenario) + TURN // EVERY)
     experiment, messages = loaded(plant, scenario, cells)
     blocks = {method.name: simulate_block(experiment, method, range(RUNS)) for method in experiment.methods}
