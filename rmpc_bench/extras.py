@@ -113,9 +113,9 @@ def library(extra: str, module: str = "") -> Any:
 
 @contextmanager
 def stand_ins(modules: Mapping[str, Mapping[str, Any] | None]) -> Iterator[None]:
-    """Let modules with this content stand for others that a library loads without need; None: as if not installed.
+    """Put modules, name -> content, in place of those that a library imports but does not use; with None it fails.
 
-    Those that are loaded already stay.
+    Modules that are loaded already stay.
     """
     absent = [name for name in modules if name not in sys.modules]
     for name in absent:
@@ -125,5 +125,6 @@ def stand_ins(modules: Mapping[str, Mapping[str, Any] | None]) -> Iterator[None]
     try:
         yield
     finally:
-        for name in absent:
-            del sys.modules[name]
+        inside = tuple(f"{name}." for name in absent)
+        for name in [*absent, *(each for each in sys.modules if each.startswith(inside))]:
+            sys.modules.pop(name, None)

@@ -37,11 +37,11 @@ CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide")]
 TESTS = os.environ.get("RMPC_BENCH_TESTS", "")
 ALL = TESTS in ("all", "ci")
 """Shapes are checked, and no mark is left to `.ci/run`."""
-EVERY = {"all": 1, "ci": 8}.get(TESTS, 10)
+EVERY = {"all": 1, "ci": 5}.get(TESTS, 10)
 """From so many cases of a function with many (`WIDE`) one runs, unless a file of tests is named."""
 os.environ.setdefault("RMPC_BENCH_DOC_RUNS", "" if TESTS == "all" else "4")
 TURN = int(os.environ.get("RMPC_BENCH_TURN", "0"))
-"""Which of them: `.ci/run` counts commits, so that eight commits after each other run all cases, and all pages."""
+"""Which of them: `.ci/run` counts commits, so that five commits after each other run all cases, and all pages."""
 if ALL:
     jaxtyping.jaxtyped = remembered_checks.jaxtyped
     jaxtyping.install_import_hook(CHECKED, "remembered_checks.checked")
@@ -66,8 +66,8 @@ WIDE = 5
 FOR_CI = ("page", "kill", "long")
 """Marks of tests that take time: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
 
-UNDRAWN = {"execution"} | ({"cli"} if not ALL else set())
-"""Folders of tests in which a page has the figures of the configuration only; those of commands draw all in CI."""
+UNDRAWN = {"execution"} if ALL else {"execution", "cli"}
+"""Folders of tests in which a page has the figures of the configuration only."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -127,13 +127,17 @@ def pytest_collect_file(file_path):
 
 
 def names_a_file(config):
-    """Whether the command line has a file of tests, not only folders."""
-    return any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args)
+    """Whether the command line has a file, not only folders."""
+    return any(arg.partition("::")[0].endswith(".py") for arg in config.args)
 
 
-def pytest_xdist_auto_num_workers(config):
-    """Tests of a named file, and measurements, run in this process alone; all others on all cores."""
-    return 0 if names_a_file(config) or "perf" in config.option.markexpr.replace("not perf", "") else None
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Tests of a named file, those in a debugger and measurements run in this process alone, others on all cores."""
+    option = config.option
+    alone = names_a_file(config) or option.trace or "perf" in option.markexpr.replace("not perf", "")
+    if getattr(option, "numprocesses", 0) is None and not hasattr(config, "workerinput") and not alone:
+        option.numprocesses, option.dist = "auto", "worksteal"
 
 
 @pytest.hookimpl(trylast=True)
@@ -173,7 +177,7 @@ def pytest_collection_finish():
 def only_chosen_figures(request):
     """Leave out figures that only the page has, where no test looks at them: a sixth of the time of tests/execution."""
     with pytest.MonkeyPatch.context() as patch:
-        if UNDRAWN & {*request.path.parts}:
+        if UNDRAWN & {*request.path.relative_to(Path(__file__).parent).parts}:
             patch.setattr("rmpc_bench.publishing.pages.more_figures", lambda *_: [])
         yield
 

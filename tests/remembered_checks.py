@@ -2,6 +2,7 @@
 
 Whether arguments and result agree with their annotations follows from their classes, of arrays from dtype and shape.
 A function that has met a combination and passed is not checked again for it: a check takes far longer than most steps.
+Functions that a step defines anew at every call are one function, and share what they have met.
 What does not follow from classes (lists, dictionaries, literals, objects of other libraries) is checked at every call.
 After `ALWAYS` calls of a function in a process only every `EVERY`-th one is looked at: these are calls of a loop over
 steps, and a look at their classes takes as long as a small step.
@@ -10,6 +11,7 @@ steps, and a look at their classes takes as long as a small step.
 import functools
 import types
 from collections.abc import Callable, Hashable
+from contextvars import ContextVar
 from typing import Any
 
 import jaxtyping
@@ -26,6 +28,32 @@ BY_CLASS = {int, float, bool, complex, types.NoneType, types.FunctionType, types
 """Classes whose objects are accepted or refused by their class alone; more are added when they are met."""
 BY_VALUE: set[type] = set()
 """Classes met whose objects are checked every time."""
+
+
+CALLED: ContextVar[Callable[..., Any]] = ContextVar("called")
+"""What a check calls between that of the arguments and that of the result."""
+
+
+class Met:
+    """What all functions with the same code have met."""
+
+    def __init__(self, function: types.FunctionType, typechecker: Callable[..., Any]) -> None:
+        self.code = function.__code__  # so that no other code gets its id
+        self.calls = 0
+        self.passed: dict[Hashable, set[Hashable]] = {}  # arguments -> results
+        # Made at the first call: a process calls a small part of all functions that it imports.
+        self._checked = functools.cache(lambda: CHECK(_calling(function), typechecker=typechecker))
+
+    def check(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+        """Call one of the functions, or what gives its result, with all checks."""
+        token = CALLED.set(function)
+        try:
+            return self._checked()(*args, **kwargs)
+        finally:
+            CALLED.reset(token)
+
+
+MET: dict[int, Met] = {}
 
 
 class UnknownError(Exception):
@@ -62,27 +90,21 @@ def jaxtyped(function: Any = None, *, typechecker: Callable[..., Any]) -> Any:
         return functools.partial(jaxtyped, typechecker=typechecker)
     if not isinstance(function, types.FunctionType) or "Literal" in str(function.__annotations__):
         return CHECK(function, typechecker=typechecker)
-    results: list[Any] = []
-    # Made at the first call: a process calls a small part of all functions that it imports.
-    check = functools.cache(lambda: CHECK(function, typechecker=typechecker))
-    check_result = functools.cache(lambda: CHECK(_giving(results, function), typechecker=typechecker))
-    passed: dict[Hashable, set[Hashable]] = {}
-    calls = 0
+    met = MET.setdefault(id(function.__code__), Met(function, typechecker))
 
     @functools.wraps(function)
     def remembered(*args: Any, **kwargs: Any) -> Any:
-        nonlocal calls
-        calls += 1
-        if calls > ALWAYS and calls % EVERY:
+        met.calls += 1
+        if met.calls > ALWAYS and met.calls % EVERY:
             return function(*args, **kwargs)
         try:
             given = (tuple(map(mark, args)), *((name, mark(value)) for name, value in kwargs.items()))
         except UnknownError:
-            return check()(*args, **kwargs)
-        known = passed.get(given)
+            return met.check(function, args, kwargs)
+        known = met.passed.get(given)
         if known is None:
-            result = check()(*args, **kwargs)
-            passed[given] = set()
+            result = met.check(function, args, kwargs)
+            met.passed[given] = set()
             return result
         result = function(*args, **kwargs)
         try:
@@ -91,11 +113,7 @@ def jaxtyped(function: Any = None, *, typechecker: Callable[..., Any]) -> Any:
                 return result
         except UnknownError:
             made = None
-        results.append(result)
-        try:
-            check_result()(*args, **kwargs)
-        finally:
-            results.pop()
+        met.check(lambda *_, **__: result, args, kwargs)
         if made is not None:
             known.add(made)
         return result
@@ -103,9 +121,10 @@ def jaxtyped(function: Any = None, *, typechecker: Callable[..., Any]) -> Any:
     return remembered
 
 
-def _giving(results: list[Any], function: types.FunctionType) -> types.FunctionType:
-    """Return a function with the annotations of another one that returns the last result."""
-    last = lambda *_, **__: results[-1]  # noqa: E731
+def _calling(function: types.FunctionType) -> types.FunctionType:
+    """Return a function with the annotations of another one that calls what `CALLED` says."""
+    current = CALLED
+    called = lambda *args, **kwargs: current.get()(*args, **kwargs)  # noqa: E731
     # The names in annotations are those of the module of the function.
-    same_names = types.FunctionType(last.__code__, function.__globals__, closure=last.__closure__)
+    same_names = types.FunctionType(called.__code__, function.__globals__, closure=called.__closure__)
     return functools.update_wrapper(same_names, function)

@@ -1,5 +1,7 @@
 """The memory of `remembered_checks` lets nothing through that jaxtyping alone would refuse."""
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 from typing import NamedTuple
 
 import numpy as np
@@ -82,3 +84,43 @@ def test_elements_of_a_list_are_checked_every_time():
         assert first([good])[0] is good
         with pytest.raises(TypeCheckError):
             first([bad])
+
+
+def test_functions_that_are_defined_anew_are_checked_once_and_each_gives_its_own_result():
+    """Trap: a check that was made for one of them calls that one for all."""
+
+    def defined(factor, result=None):
+        @jaxtyped(typechecker=beartype)
+        def scaled(x: X, *, depth: object = 0) -> X:
+            if depth:
+                return defined(factor + 1.0)(factor * x)
+            return factor * x if result is None else result
+
+        return scaled
+
+    x = np.ones((5, 2))
+    for factor in (1.0, 2.0, 2.0):
+        assert (defined(factor)(x) == factor).all()
+        # One calls another one.
+        assert (defined(factor)(x, depth=[1]) == factor * (factor + 1.0)).all()
+    for wrong in (np.ones((5, 3)), np.ones(5), 1.0):
+        with pytest.raises(TypeCheckError, match="return value"):
+            defined(1.0, wrong)(x)
+    for wrong in (np.ones(5), 1.0):
+        with pytest.raises(TypeCheckError):
+            defined(1.0)(wrong)
+
+
+def test_threads_that_are_checked_at_the_same_time_call_their_own_functions():
+    def defined(value, start):
+        @jaxtyped(typechecker=beartype)
+        def made(rows: list[X]) -> X:
+            start.wait()
+            return rows[0] + value
+
+        return made
+
+    start = Barrier(4)
+    with ThreadPoolExecutor(4) as pool:
+        found = [pool.submit(defined(value, start), [np.zeros((5, 2))]) for value in range(4)]
+    assert [each.result()[0, 0] for each in found] == [0, 1, 2, 3]

@@ -1,4 +1,4 @@
-"""Which tests run: eight turns of `.ci/run` run all of them, whatever marks and numbers of cases they have."""
+"""Which tests run: five turns of `.ci/run` run all of them, whatever marks and numbers of cases they have."""
 
 from types import SimpleNamespace
 
@@ -41,30 +41,37 @@ def chosen(monkeypatch, every, turn, *, marked=True, args=("tests",), markexpr="
     return {item.nodeid for item in items}
 
 
-def test_eight_turns_run_every_test(monkeypatch):
+def test_five_turns_run_every_test(monkeypatch):
     """And the tests of a page together.  Trap: a case that its mark chooses in one turn and its number in another."""
-    turns = [chosen(monkeypatch, 8, turn) for turn in range(7, 15)]
+    turns = [chosen(monkeypatch, 5, turn) for turn in range(7, 12)]
     assert set().union(*turns) == {item.nodeid for item in TESTS}
     for turn in turns:
         assert {"b::page[0]" in turn} == {f"c::one[{number}]" in turn for number in range(7)}
         assert "a::narrow[3]" in turn
-        assert 1 <= sum(name.startswith("a::wide") for name in turn) <= 2
+        assert 2 <= sum(name.startswith("a::wide") for name in turn) <= 3
 
 
 @pytest.mark.parametrize(
-    ("args", "markexpr", "workers"),
+    ("args", "changed", "workers"),
     [
-        (["tests/cli"], "not slow and not perf", None),
-        (["tests"], "slow", None),
-        (["tests/cli/test_run.py::test_a"], "not slow and not perf", 0),
-        (["tests/cli", "tests/test_language.py"], "not slow and not perf", 0),
-        (["tests"], "perf", 0),
+        (["tests/cli"], {}, "auto"),
+        (["tests"], {"markexpr": "slow"}, "auto"),
+        (["tests"], {"numprocesses": 0}, 0),
+        (["tests"], {"trace": True}, None),
+        (["tests"], {"markexpr": "perf"}, None),
+        (["tests/cli/test_run.py::test_a"], {}, None),
+        (["tests/cli", "rmpc_bench/metrics/norms.py"], {}, None),
     ],
 )
-def test_named_files_and_measurements_run_in_one_process(args, markexpr, workers):
+def test_named_files_and_measurements_run_in_one_process(args, changed, workers):
     """Times of two processes would depend on each other; a debugger needs one."""
-    asked = SimpleNamespace(args=args, option=SimpleNamespace(markexpr=markexpr))
-    assert conftest.pytest_xdist_auto_num_workers(asked) == workers
+    usual = {"numprocesses": None, "dist": "no", "trace": False, "markexpr": "not slow and not perf"}
+    option = SimpleNamespace(**usual | changed)
+    conftest.pytest_cmdline_main(SimpleNamespace(args=args, option=option))
+    assert option.numprocesses == workers and (option.dist == "worksteal") == (workers == "auto")
+    without = SimpleNamespace(trace=False, markexpr="")
+    conftest.pytest_cmdline_main(SimpleNamespace(args=["tests"], option=without))
+    assert not hasattr(without, "numprocesses")  # pytest without its plugin for several processes
 
 
 def test_without_marks_and_all_of_them(monkeypatch):

@@ -213,7 +213,7 @@ def holm(p: Sequence[float]) -> list[float]:
 
 RESAMPLES = 4999
 TOGETHER = 200
-"""Resamples that are drawn at a time: their values stay in the cache of the processor."""
+"""Resamples whose mean and spread are computed at a time: their values stay in the cache of the processor."""
 SKEWED = 1.0
 """Absolute skewness above which the t interval of a mean is too narrow on one side.
 
@@ -290,10 +290,10 @@ def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
     n = len(values)
     means, spread = np.empty((2, RESAMPLES))
     for first in range(0, RESAMPLES, TOGETHER):
-        some = slice(first, first + TOGETHER)
-        drawn = values[_resamples(n, seed)[some]]
-        means[some] = drawn.mean(axis=1)
-        spread[some] = drawn.std(axis=1, ddof=1, mean=means[some, None])
+        rows = slice(first, first + TOGETHER)
+        drawn = values[_resamples(n, seed)[rows]]
+        means[rows] = drawn.mean(axis=1)
+        spread[rows] = drawn.std(axis=1, ddof=1, mean=means[rows, None])
     # A resample of one repeated value has no t statistic; rounding is no spread.
     some = spread > NEGLIGIBLE * np.abs(values).max()
     if 1 - some.mean() > (1 - confidence) / 2:

@@ -223,7 +223,7 @@ def save_as(figure: MplFigure, file: Path) -> None:
             figure.savefig(partial, format=ending[1:], **options)
 
 
-UNUSED_TABLES = ("GDEF", "GPOS", "GSUB", "OS/2", "cmap", "post")
+UNUSED_TABLES = ("GDEF", "GPOS", "GSUB", "OS/2", "SVG ", "cmap", "post")
 """Tables of a font for the composition of texts, its characters and names of glyphs; a PDF has numbers of glyphs.
 
 They take fontTools most of its time.
@@ -238,7 +238,7 @@ def small_fonts() -> Iterator[None]:
     """
     import fontTools
 
-    # A PDF has no glyphs that are pictures, and no variable fonts.
+    # Of varLib two modules are used, and lxml serves glyphs that are SVG, which a PDF does not have (0.03 s).
     folders = [str(Path(folder, "varLib")) for folder in fontTools.__path__]
     with stand_ins({"fontTools.subset.svg": {"__all__": []}, "fontTools.varLib": {"__path__": folders}}):
         with suppress(AttributeError, ImportError):

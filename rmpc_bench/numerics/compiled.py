@@ -23,7 +23,7 @@ from rmpc_bench.extras import stand_ins
 from rmpc_bench.numerics.code_cache import WITHOUT_FILE
 
 if "numba" not in sys.modules:
-    # Code coverage of kernels is asked for by a process that has loaded `coverage` before.
+    # It imports `coverage` (0.05 s) for NUMBA_JIT_COVERAGE only; who wants that imports coverage first.
     with chdir(sys.prefix), stand_ins({"coverage": None}):
         import_module("numba").core.config._config_fname = ""
 numba: Any = import_module("numba")

@@ -199,10 +199,8 @@ def _texts(values: Array) -> Iterable[str]:
         missing = np.isnan(values)
         texts = map(repr, values.tolist())
         return ["" if gone else text for gone, text in zip(missing, texts, strict=True)] if missing.any() else texts
-    cells = values.tolist()
-    if {*map(type, cells)} == {str}:
-        return map({text: _quoted(text) for text in {*cells}}.__getitem__, cells)
-    return ["" if each is None or each != each else _quoted(str(each)) for each in cells]
+    texts = ["" if each is None or each != each else str(each) for each in values.tolist()]
+    return map({text: _quoted(text) for text in {*texts}}.__getitem__, texts)
 
 
 def _quoted(text: str) -> str:

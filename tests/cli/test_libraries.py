@@ -69,8 +69,9 @@ def test_fonts_without_parts_of_fonttools():
         "with small_fonts():\n"
         "    from fontTools import subset\n"
         "assert not {'fontTools.varLib.merger', 'fontTools.subset.svg', 'lxml'} & {*sys.modules}\n"
-        "import fontTools.subset.svg, fontTools.varLib\n"
-        "assert fontTools.varLib.build and fontTools.varLib.varStore and fontTools.subset.svg.subset_elements\n"
+        "import fontTools.varLib.models, fontTools.varLib.multiVarStore, fontTools.subset.svg\n"
+        "assert fontTools.varLib.models.normalizeValue and fontTools.varLib.multiVarStore and fontTools.varLib.build\n"
+        "assert fontTools.subset.svg.subset_elements\n"
     )
 
 

@@ -177,7 +177,7 @@ def test_the_table_has_every_kind():
 @pytest.mark.parametrize("plant", PLANTS)
 def test_every_kind_runs_or_names_its_error(plant, scenario):
     """Oracle: the table; some cells by turn, with `RMPC_BENCH_TESTS=all` all."""
-    # A case runs at some turns only: without the second number it would have the same cells each time.
+    # A case runs at some turns only: without the last number it would have the same cells each time.
     cells = by_turn(CELLS, len(plant + scenario) + TURN // EVERY)
     experiment, messages = loaded(plant, scenario, cells)
     blocks = {method.name: simulate_block(experiment, method, range(RUNS)) for method in experiment.methods}
@@ -199,7 +199,7 @@ def test_every_kind_runs_or_names_its_error(plant, scenario):
 @pytest.mark.long
 def test_no_delay_is_a_delay_of_zero_samples(plant):
     """Oracle: the same experiment without the laws, bit for bit."""
-    cells = by_turn(CELLS, 7)
+    cells = by_turn(CELLS, 7 + TURN // EVERY)
     (bare, messages), (delayed, same) = (loaded(plant, scenario, cells) for scenario in ("none", NO_DELAY))
     assert messages == same and [each.name for each in bare.methods] == [each.name for each in delayed.methods]
     for one, other in zip(bare.methods, delayed.methods, strict=True):

@@ -56,7 +56,7 @@ def test_a_scaffold_passes_all_tests_once_its_limit_is_written(copy):
     chosen = f"({chosen}) and not up_to_date"  # `make docs` writes the pages
     own = [f"tests/{group}/test_{kind.replace('-', '_')}.py" for group, kind in ADDED.items()]
     files = [*(f"tests/{file}" for file in FILES), *own, "rmpc_bench/metrics/new_metric.py"]
-    done = run(copy, "-m", "pytest", "-n0", "-q", "-p", "no:cacheprovider", "-k", chosen, *files)
+    done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, *files)
     failed = re.findall(r"^FAILED (\S+)", done.stdout, re.MULTILINE)
     limits = [f"{LIMIT}[{group}-{ADDED[group]}]" for group in ("estimators", "controllers")]
     assert failed == limits, done.stdout[-3000:]
@@ -67,7 +67,7 @@ def test_a_scaffold_passes_all_tests_once_its_limit_is_written(copy):
         assert text.count("\nLimit\n") == 1
         text = text.replace("\nLimit\n", "\nLimit   factor = 1 gives the Kalman filter.\n")
         module.write_text(text, encoding="utf-8")
-    done = run(copy, "-m", "pytest", "-n0", "-q", "-p", "no:cacheprovider", "-k", "new-filter or new-law", LIMIT)
+    done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "new-filter or new-law", LIMIT)
     assert done.returncode == 0, done.stdout[-3000:]
 
 
