@@ -199,8 +199,8 @@ def _texts(values: Array) -> Iterable[str]:
         missing = np.isnan(values)
         texts = map(repr, values.tolist())
         return ["" if gone else text for gone, text in zip(missing, texts, strict=True)] if missing.any() else texts
-    texts = ["" if each is None or each != each else str(each) for each in values.tolist()]
-    return map({text: _quoted(text) for text in {*texts}}.__getitem__, texts)
+    cells = ["" if each is None or each != each else str(each) for each in values.tolist()]
+    return map({cell: _quoted(cell) for cell in {*cells}}.__getitem__, cells)
 
 
 def _quoted(text: str) -> str:
