@@ -127,8 +127,8 @@ def pytest_collect_file(file_path):
 
 
 def names_a_file(config):
-    """Whether the command line has a file, not only folders."""
-    return any(arg.partition("::")[0].endswith(".py") for arg in config.args)
+    """Whether the command line has a file of tests, not only folders, or those of pyproject.toml."""
+    return any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,9 +1,15 @@
 """Which tests run: five turns of `.ci/run` run all of them, whatever marks and numbers of cases they have."""
 
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 
 import conftest
 import pytest
+
+
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))
+RUN = PROJECT["tool"]["pytest"]["ini_options"]["testpaths"]
 
 
 class Item:
@@ -55,12 +61,13 @@ def test_five_turns_run_every_test(monkeypatch):
     ("args", "changed", "workers"),
     [
         (["tests/cli"], {}, "auto"),
+        (RUN, {}, "auto"),
         (["tests"], {"markexpr": "slow"}, "auto"),
         (["tests"], {"numprocesses": 0}, 0),
         (["tests"], {"trace": True}, None),
         (["tests"], {"markexpr": "perf"}, None),
         (["tests/cli/test_run.py::test_a"], {}, None),
-        (["tests/cli", "rmpc_bench/metrics/norms.py"], {}, None),
+        (["tests/cli", "tests/test_language.py"], {}, None),
     ],
 )
 def test_named_files_and_measurements_run_in_one_process(args, changed, workers):
