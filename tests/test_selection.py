@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import conftest
 import pytest
 
-
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))
 RUN = PROJECT["tool"]["pytest"]["ini_options"]["testpaths"]
 

@@ -18,6 +18,7 @@ from store.test_ensemble_store import write_estimation
 
 from rmpc_bench.execution.progress_file import read
 from rmpc_bench.execution.shards import Shard, parse_shard, shards_in
+from rmpc_bench.received import store
 
 KEYS = {
     "runs": 20,
@@ -328,7 +329,8 @@ def test_an_empty_store_of_the_directory_is_no_store(serial, tmp_path):
 
 
 @pytest.mark.long
-def test_a_shard_that_is_being_computed(serial, tmp_path):
+def test_a_shard_that_is_being_computed(serial, tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "READER_WAITS", 0.1)
     path, _ = serial
     all_shards(path, tmp_path / "out", 2)
     with closing(sqlite3.connect(tmp_path / "out" / "shards" / "2-of-2" / "trials.sqlite", timeout=0.0)) as writer:
