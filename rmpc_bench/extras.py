@@ -113,9 +113,9 @@ def library(extra: str, module: str = "") -> Any:
 
 @contextmanager
 def stand_ins(modules: Mapping[str, Mapping[str, Any] | None]) -> Iterator[None]:
-    """Put modules, name -> content, in place of those that a library imports but does not use; with None it fails.
+    """Put modules, name -> content, in place of those that a library imports but does not use.
 
-    Modules that are loaded already stay.
+    None makes the import fail.  Modules that are loaded already stay.
     """
     absent = [name for name in modules if name not in sys.modules]
     for name in absent:

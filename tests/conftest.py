@@ -67,7 +67,7 @@ FOR_CI = ("page", "kill", "long")
 """Marks of tests that take time: `.ci/run` runs some of them by turn, all of a page together, `make test` none."""
 
 UNDRAWN = {"execution"} if ALL else {"execution", "cli"}
-"""Folders of tests in which a page has the figures of the configuration only."""
+"""Folders of tests in which a page has the figures of the configuration only; `.ci/run` draws all of cli."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -175,7 +175,7 @@ def pytest_collection_finish():
 
 @pytest.fixture(autouse=True, scope="module")
 def only_chosen_figures(request):
-    """Leave out figures that only the page has, where no test looks at them: a sixth of the time of tests/execution."""
+    """Leave out figures that only the page has, where no test looks at them: a sixth of the time."""
     with pytest.MonkeyPatch.context() as patch:
         if UNDRAWN & {*request.path.relative_to(Path(__file__).parent).parts}:
             patch.setattr("rmpc_bench.publishing.pages.more_figures", lambda *_: [])

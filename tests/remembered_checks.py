@@ -2,7 +2,7 @@
 
 Whether arguments and result agree with their annotations follows from their classes, of arrays from dtype and shape.
 A function that has met a combination and passed is not checked again for it: a check takes far longer than most steps.
-Functions that a step defines anew at every call are one function, and share what they have met.
+Functions that are defined anew at every step have the same code; they share the check, and what has passed it.
 What does not follow from classes (lists, dictionaries, literals, objects of other libraries) is checked at every call.
 After `ALWAYS` calls of a function in a process only every `EVERY`-th one is looked at: these are calls of a loop over
 steps, and a look at their classes takes as long as a small step.
@@ -39,7 +39,6 @@ class Met:
 
     def __init__(self, function: types.FunctionType, typechecker: Callable[..., Any]) -> None:
         self.code = function.__code__  # so that no other code gets its id
-        self.calls = 0
         self.passed: dict[Hashable, set[Hashable]] = {}  # arguments -> results
         # Made at the first call: a process calls a small part of all functions that it imports.
         self._checked = functools.cache(lambda: CHECK(_calling(function), typechecker=typechecker))
@@ -54,6 +53,7 @@ class Met:
 
 
 MET: dict[int, Met] = {}
+"""id of a code -> what its functions have met."""
 
 
 class UnknownError(Exception):
@@ -90,12 +90,16 @@ def jaxtyped(function: Any = None, *, typechecker: Callable[..., Any]) -> Any:
         return functools.partial(jaxtyped, typechecker=typechecker)
     if not isinstance(function, types.FunctionType) or "Literal" in str(function.__annotations__):
         return CHECK(function, typechecker=typechecker)
-    met = MET.setdefault(id(function.__code__), Met(function, typechecker))
+    code = id(function.__code__)
+    if code not in MET:
+        MET[code] = Met(function, typechecker)
+    met, calls = MET[code], 0
 
     @functools.wraps(function)
     def remembered(*args: Any, **kwargs: Any) -> Any:
-        met.calls += 1
-        if met.calls > ALWAYS and met.calls % EVERY:
+        nonlocal calls
+        calls += 1
+        if calls > ALWAYS and calls % EVERY:
             return function(*args, **kwargs)
         try:
             given = (tuple(map(mark, args)), *((name, mark(value)) for name, value in kwargs.items()))

@@ -103,6 +103,9 @@ def test_functions_that_are_defined_anew_are_checked_once_and_each_gives_its_own
         assert (defined(factor)(x) == factor).all()
         # One calls another one.
         assert (defined(factor)(x, depth=[1]) == factor * (factor + 1.0)).all()
+    for _ in range(ALWAYS):
+        defined(1.0)(x)
+    # The calls of others do not count.
     for wrong in (np.ones((5, 3)), np.ones(5), 1.0):
         with pytest.raises(TypeCheckError, match="return value"):
             defined(1.0, wrong)(x)

@@ -1,14 +1,10 @@
 """Which tests run: five turns of `.ci/run` run all of them, whatever marks and numbers of cases they have."""
 
-import tomllib
-from pathlib import Path
 from types import SimpleNamespace
 
 import conftest
 import pytest
-
-PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))
-RUN = PROJECT["tool"]["pytest"]["ini_options"]["testpaths"]
+from test_public_api import RUN
 
 
 class Item:
@@ -75,9 +71,12 @@ def test_named_files_and_measurements_run_in_one_process(args, changed, workers)
     option = SimpleNamespace(**usual | changed)
     conftest.pytest_cmdline_main(SimpleNamespace(args=args, option=option))
     assert option.numprocesses == workers and (option.dist == "worksteal") == (workers == "auto")
+
+
+def test_pytest_without_its_plugin_for_several_processes():
     without = SimpleNamespace(trace=False, markexpr="")
     conftest.pytest_cmdline_main(SimpleNamespace(args=["tests"], option=without))
-    assert not hasattr(without, "numprocesses")  # pytest without its plugin for several processes
+    assert not hasattr(without, "numprocesses")
 
 
 def test_without_marks_and_all_of_them(monkeypatch):

@@ -224,7 +224,7 @@ def save_as(figure: MplFigure, file: Path) -> None:
 
 
 UNUSED_TABLES = ("GDEF", "GPOS", "GSUB", "OS/2", "SVG ", "cmap", "post")
-"""Tables of a font for the composition of texts, its characters and names of glyphs; a PDF has numbers of glyphs.
+"""Tables for composed texts, characters, names of glyphs and glyphs that are SVG; a PDF has numbers of glyphs.
 
 They take fontTools most of its time.
 """

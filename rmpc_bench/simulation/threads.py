@@ -21,7 +21,7 @@ def single_thread() -> AbstractContextManager[object]:
 
 @lru_cache(maxsize=1)
 def _libraries(n_modules: int) -> Any:
-    """Find the libraries that are loaded, again after an import only (0.8 ms); `ctypes` may load one without."""
+    """Find the loaded libraries (0.8 ms), anew after an import only: one that `ctypes` loads later is not found."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
